@@ -1,0 +1,13 @@
+//! Lobelia's host library: plans poses, drives the rig and its camera, develops photographs into reflectance,
+//! fits that with a few lobes per texel, and renders the result.
+//!
+//! The `lobelia` command is a thin layer over these modules; arrows run one way:
+//! `rig` ← `plan` ← `acquire` ← `develop` ← `fit` ← `render` ← `cli`.
+
+pub mod error;
+pub mod files;
+pub mod progress;
+pub mod toml_file;
+
+pub use error::{Error, Result};
+pub use lobelia_reflectance as reflectance;

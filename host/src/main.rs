@@ -1,0 +1,2 @@
+//! Lobelia.
+fn main() {}
