@@ -1,1 +1,34 @@
-//! Lobelia.
+//! The vocabulary of reflectance that the host and the simulator share: lobes, SBRDF maps, measured tables, colour.
+//!
+//! Directions are unit vectors in the sample's local frame (x, y the principal directions of anisotropy or the texture
+//! axes, z the outward normal): `wi` points toward the light, `wo` toward the viewer. Reflectance is in sr⁻¹ and never
+//! includes a cosine.
+
+pub mod colour;
+pub mod lobe;
+pub mod map;
+mod map_exr;
+pub mod materials;
+
+pub use lobe::{Lobe, LobeBrdf};
+pub use map::{LobePlane, SbrdfMap};
+
+/// Linear scene-referred Rec. 709 colour, or a reflectance in sr⁻¹ a channel.
+pub type Rgb = glam::Vec3;
+
+/// A BRDF of one point: reflectance in sr⁻¹ for a pair of directions.
+pub trait Brdf: Send + Sync {
+    /// f_r(wi → wo), sr⁻¹ (2.4). Zero when either direction is below the surface.
+    fn eval(&self, wi: glam::Vec3, wo: glam::Vec3) -> Rgb;
+}
+
+/// What can be wrong with a file of this crate's formats.
+#[derive(Debug, thiserror::Error)]
+pub enum FormatError {
+    /// The file cannot be read or written.
+    #[error("{0}")]
+    Io(#[from] std::io::Error),
+    /// The content is not what the format says; the sentence names the line, the row or the channel.
+    #[error("{0}")]
+    Invalid(String),
+}

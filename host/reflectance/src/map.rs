@@ -1,0 +1,146 @@
+//! An SBRDF map: the fitted coefficients of every texel, row by row from the +y edge, each coefficient a plane.
+
+use std::collections::BTreeMap;
+use std::path::Path;
+
+use glam::Vec3;
+
+use crate::{FormatError, Lobe, LobeBrdf, Rgb, map_exr};
+
+/// The coefficients of one lobe at every texel.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct LobePlane {
+    /// ρ_s a texel, sr⁻¹.
+    pub rho_s: Vec<Rgb>,
+    /// Diagonal of C a texel.
+    pub c: Vec<Vec3>,
+    /// Exponent a texel.
+    pub n: Vec<f32>,
+}
+
+/// The fitted coefficients of every texel (2.11 in the form (4.1)).
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct SbrdfMap {
+    /// Texels a row.
+    pub width: usize,
+    /// Rows; row 0 is the sample's +y edge.
+    pub height: usize,
+    /// Diffuse reflectance ρ_d a texel, sr⁻¹.
+    pub rho_d: Vec<Rgb>,
+    /// Direction of anisotropy β a texel, radians.
+    pub beta: Vec<f32>,
+    /// The lobes; every texel has all of them, unused ones with ρ_s = 0.
+    pub lobes: Vec<LobePlane>,
+    /// Further planes by channel name, such as the fit's residual `error.rms`.
+    pub extra: BTreeMap<String, Vec<f32>>,
+    /// Text attributes: units and provenance.
+    pub attributes: BTreeMap<String, String>,
+}
+
+impl SbrdfMap {
+    /// A black map of the given size and number of lobes.
+    pub fn new(width: usize, height: usize, lobes: usize) -> Self {
+        let count = width * height;
+        let plane = LobePlane {
+            rho_s: vec![Rgb::ZERO; count],
+            c: vec![Vec3::new(-1.0, -1.0, 1.0); count],
+            n: vec![1.0; count],
+        };
+        Self {
+            width,
+            height,
+            rho_d: vec![Rgb::ZERO; count],
+            beta: vec![0.0; count],
+            lobes: vec![plane; lobes],
+            ..Self::default()
+        }
+    }
+
+    /// A map whose texels are the given BRDFs, row by row; shorter lobe lists are filled up with lobes of ρ_s = 0.
+    ///
+    /// # Panics
+    /// When `texels` is not `width` × `height` long.
+    pub fn from_texels(width: usize, height: usize, texels: &[LobeBrdf]) -> Self {
+        assert_eq!(texels.len(), width * height, "one BRDF a texel");
+        let lobes = texels.iter().map(|texel| texel.lobes.len()).max().unwrap_or(0);
+        let mut map = Self::new(width, height, lobes);
+        for (index, texel) in texels.iter().enumerate() {
+            map.set(index, texel);
+        }
+        map
+    }
+
+    /// Sets the coefficients of texel `index` (row · width + column); lobes beyond the map's number are dropped.
+    pub fn set(&mut self, index: usize, texel: &LobeBrdf) {
+        self.rho_d[index] = texel.rho_d;
+        self.beta[index] = texel.beta;
+        for (plane, lobe) in self.lobes.iter_mut().zip(&texel.lobes) {
+            plane.rho_s[index] = lobe.rho_s;
+            plane.c[index] = lobe.c;
+            plane.n[index] = lobe.n;
+        }
+    }
+
+    /// The BRDF of texel `index` (row · width + column), without its black lobes.
+    pub fn texel(&self, index: usize) -> LobeBrdf {
+        let lobes = self.lobes.iter().map(|plane| Lobe {
+            rho_s: plane.rho_s[index],
+            c: plane.c[index],
+            n: plane.n[index],
+        });
+        LobeBrdf {
+            rho_d: self.rho_d[index],
+            beta: self.beta[index],
+            lobes: lobes.filter(|lobe| lobe.rho_s != Rgb::ZERO).collect(),
+        }
+    }
+
+    /// Reflectance of texel `index` in sr⁻¹ without building a [`LobeBrdf`].
+    pub fn eval(&self, index: usize, wi: Vec3, wo: Vec3) -> Rgb {
+        if wi.z <= 0.0 || wo.z <= 0.0 {
+            return Rgb::ZERO;
+        }
+        let beta = self.beta[index];
+        let (wi, wo) = (crate::lobe::into_lobe_frame(wi, beta), crate::lobe::into_lobe_frame(wo, beta));
+        let mut reflectance = self.rho_d[index];
+        for plane in &self.lobes {
+            let rho_s = plane.rho_s[index];
+            if rho_s != Rgb::ZERO {
+                reflectance += rho_s * Lobe { rho_s, c: plane.c[index], n: plane.n[index] }.shape(wi, wo);
+            }
+        }
+        reflectance
+    }
+
+    /// Writes the map as OpenEXR with one named f32 channel a coefficient (`rho_d.R`, `lobe0.C.x`, `lobe0.n`, `beta`, …).
+    ///
+    /// # Errors
+    /// When the file cannot be written; nothing is left half-written under `path`.
+    pub fn write_exr(&self, path: &Path) -> Result<(), FormatError> {
+        map_exr::write(self, path)
+    }
+
+    /// Reads a map that [`Self::write_exr`] or another tool wrote with the same channel names.
+    ///
+    /// # Errors
+    /// When the file is missing or not OpenEXR, lacks a channel, or a texel holds a value that is not finite.
+    pub fn read_exr(path: &Path) -> Result<Self, FormatError> {
+        map_exr::read(path)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{Brdf, materials};
+
+    #[test]
+    fn a_texel_comes_back_as_it_was_set_and_evaluates_alike() {
+        let (felt, skin) = (materials::published("felt").unwrap(), materials::published("skin").unwrap());
+        let map = SbrdfMap::from_texels(2, 1, &[felt.clone(), skin.clone()]);
+        assert_eq!(map.texel(0), felt);
+        assert_eq!(map.texel(1), skin);
+        let (wi, wo) = (Vec3::new(0.3, 0.1, 0.8).normalize(), Vec3::new(-0.4, 0.0, 0.7).normalize());
+        assert!((map.eval(1, wi, wo) - skin.eval(wi, wo)).abs().max_element() < 1e-6);
+    }
+}

@@ -1,0 +1,178 @@
+//! SBRDF maps as OpenEXR files: one named f32 channel a coefficient, text attributes for units and provenance.
+
+use std::collections::BTreeMap;
+use std::fs;
+use std::path::Path;
+
+use exr::prelude::{
+    AnyChannel, AnyChannels, Encoding, FlatSamples, Image, Layer, LayerAttributes, SmallVec, Text,
+    WritableImage, attribute::AttributeValue, read_first_flat_layer_from_file,
+};
+use glam::Vec3;
+
+use crate::{FormatError, LobePlane, SbrdfMap};
+
+/// Attributes that every map carries.
+const UNITS: [(&str, &str); 2] = [
+    ("lobelia:units", "rho_d, lobeN.rho_s: 1/sr; beta: rad; C, n: none; reflectance excludes the cosine"),
+    ("lobelia:model", "rho_d + sum rho_s max(0, (R(-beta) C R(beta) wi).wo)^n"),
+];
+
+/// Names the error of the exr crate by what it means for the caller.
+fn exr_error(path: &Path, error: exr::error::Error) -> FormatError {
+    match error {
+        exr::error::Error::Io(error) => FormatError::Io(error),
+        other => FormatError::Invalid(format!("{}: not a readable OpenEXR file: {other}", path.display())),
+    }
+}
+
+/// See [`SbrdfMap::write_exr`].
+pub(crate) fn write(map: &SbrdfMap, path: &Path) -> Result<(), FormatError> {
+    let mut planes: Vec<(String, Vec<f32>)> = Vec::new();
+    push_vectors(&mut planes, "rho_d", ["R", "G", "B"], &map.rho_d);
+    planes.push(("beta".into(), map.beta.clone()));
+    for (j, lobe) in map.lobes.iter().enumerate() {
+        push_vectors(&mut planes, &format!("lobe{j}.rho_s"), ["R", "G", "B"], &lobe.rho_s);
+        push_vectors(&mut planes, &format!("lobe{j}.C"), ["x", "y", "z"], &lobe.c);
+        planes.push((format!("lobe{j}.n"), lobe.n.clone()));
+    }
+    planes.extend(map.extra.iter().map(|(name, plane)| (name.clone(), plane.clone())));
+
+    let channels: SmallVec<[AnyChannel<FlatSamples>; 4]> = planes
+        .into_iter()
+        .map(|(name, plane)| AnyChannel::new(Text::new_or_panic(name), FlatSamples::F32(plane)))
+        .collect();
+    let mut attributes = LayerAttributes::named("sbrdf");
+    let texts = map.attributes.iter().map(|(name, value)| (name.as_str(), value.as_str())).chain(UNITS);
+    for (name, value) in texts {
+        attributes.other.insert(
+            Text::from(name),
+            AttributeValue::Text(Text::new_or_none(value).unwrap_or_else(|| Text::from("not printable"))),
+        );
+    }
+    let layer =
+        Layer::new((map.width, map.height), attributes, Encoding::FAST_LOSSLESS, AnyChannels::sort(channels));
+
+    let temporary = path.with_extension("exr.tmp");
+    let written =
+        Image::from_layer(layer).write().to_file(&temporary).map_err(|error| exr_error(path, error));
+    let renamed = written.and_then(|()| {
+        fs::File::open(&temporary)?.sync_all()?;
+        Ok(fs::rename(&temporary, path)?)
+    });
+    if renamed.is_err() {
+        // Best effort: the first error is the one to tell.
+        let _ = fs::remove_file(&temporary);
+    }
+    renamed
+}
+
+/// Splits vectors into three planes named `prefix.component`.
+fn push_vectors(planes: &mut Vec<(String, Vec<f32>)>, prefix: &str, names: [&str; 3], vectors: &[Vec3]) {
+    for (k, name) in names.iter().enumerate() {
+        planes.push((format!("{prefix}.{name}"), vectors.iter().map(|v| v[k]).collect()));
+    }
+}
+
+/// See [`SbrdfMap::read_exr`].
+pub(crate) fn read(path: &Path) -> Result<SbrdfMap, FormatError> {
+    let image = read_first_flat_layer_from_file(path).map_err(|error| exr_error(path, error))?;
+    let (width, height) = (image.layer_data.size.0, image.layer_data.size.1);
+    let mut planes: BTreeMap<String, Vec<f32>> = image
+        .layer_data
+        .channel_data
+        .list
+        .iter()
+        .map(|channel| (channel.name.to_string(), channel.sample_data.values_as_f32().collect()))
+        .collect();
+    for (name, plane) in &planes {
+        if let Some(index) = plane.iter().position(|value| !value.is_finite()) {
+            let (x, y) = (index % width, index / width);
+            let message =
+                format!("{}: channel {name} is {} at texel ({x}, {y})", path.display(), plane[index]);
+            return Err(FormatError::Invalid(message));
+        }
+    }
+
+    let mut map = SbrdfMap { width, height, ..SbrdfMap::default() };
+    map.rho_d = take_vectors(&mut planes, "rho_d", ["R", "G", "B"], path)?;
+    map.beta = planes.remove("beta").unwrap_or_else(|| vec![0.0; width * height]);
+    while planes.contains_key(&format!("lobe{}.n", map.lobes.len())) {
+        let j = map.lobes.len();
+        map.lobes.push(LobePlane {
+            rho_s: take_vectors(&mut planes, &format!("lobe{j}.rho_s"), ["R", "G", "B"], path)?,
+            c: take_vectors(&mut planes, &format!("lobe{j}.C"), ["x", "y", "z"], path)?,
+            n: take(&mut planes, &format!("lobe{j}.n"), path)?,
+        });
+    }
+    map.extra = planes;
+    for (name, value) in &image.layer_data.attributes.other {
+        if let AttributeValue::Text(text) = value {
+            map.attributes.insert(name.to_string(), text.to_string());
+        }
+    }
+    map.attributes.retain(|name, _| !UNITS.iter().any(|(unit, _)| unit == name));
+    Ok(map)
+}
+
+/// Removes one plane by name.
+fn take(planes: &mut BTreeMap<String, Vec<f32>>, name: &str, path: &Path) -> Result<Vec<f32>, FormatError> {
+    planes.remove(name).ok_or_else(|| {
+        FormatError::Invalid(format!("{}: not an SBRDF map: it has no channel {name}", path.display()))
+    })
+}
+
+/// Joins three planes named `prefix.component` into vectors.
+fn take_vectors(
+    planes: &mut BTreeMap<String, Vec<f32>>,
+    prefix: &str,
+    names: [&str; 3],
+    path: &Path,
+) -> Result<Vec<Vec3>, FormatError> {
+    let mut parts = Vec::with_capacity(3);
+    for name in names {
+        parts.push(take(planes, &format!("{prefix}.{name}"), path)?);
+    }
+    Ok((0..parts[0].len()).map(|i| Vec3::new(parts[0][i], parts[1][i], parts[2][i])).collect())
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::{SbrdfMap, materials};
+
+    fn example() -> SbrdfMap {
+        let texels: Vec<_> =
+            materials::NAMES.iter().map(|name| materials::published(name).unwrap().rotated(0.3)).collect();
+        let mut map = SbrdfMap::from_texels(3, 2, &texels);
+        map.extra.insert("error.rms".into(), vec![0.25; 6]);
+        map.attributes.insert("lobelia:source".into(), "published lobes".into());
+        map
+    }
+
+    #[test]
+    fn a_map_survives_its_file() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("map.exr");
+        example().write_exr(&path).unwrap();
+        assert_eq!(SbrdfMap::read_exr(&path).unwrap(), example());
+    }
+
+    #[test]
+    fn a_texel_that_is_not_a_number_is_named() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("map.exr");
+        let mut map = example();
+        map.lobes[0].n[4] = f32::NAN;
+        map.write_exr(&path).unwrap();
+        let text = SbrdfMap::read_exr(&path).unwrap_err().to_string();
+        assert!(text.contains("lobe0.n") && text.contains("(1, 1)"), "{text}");
+    }
+
+    #[test]
+    fn a_file_that_is_no_map_is_refused_with_a_sentence() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("map.exr");
+        std::fs::write(&path, b"not an image").unwrap();
+        assert!(SbrdfMap::read_exr(&path).unwrap_err().to_string().contains("not a readable OpenEXR"));
+    }
+}

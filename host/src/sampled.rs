@@ -1,0 +1,86 @@
+//! A sampled SBRDF: the measured reflectance of every texel at every pose, with where light and camera stood.
+//!
+//! Shapes and names are those of the Zarr store: `reflectance` [y, x, pose, rgb] in sr⁻¹, NaN where a texel has no
+//! valid exposure; `light_position_mm`, `camera_position_mm` [pose, xyz] in the sample's frame.
+
+use glam::{DVec3, Vec3};
+
+use crate::reflectance::Rgb;
+
+mod store;
+
+/// Where the light and the camera stood for one pose, in the sample's frame (origin at its centre, z outward).
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct PoseGeometry {
+    /// Centre of the light's aperture, mm.
+    pub light_mm: DVec3,
+    /// Centre of projection of the camera, mm.
+    pub camera_mm: DVec3,
+    /// Weight of the pose's samples in a fit; 0 for a pose that was rejected.
+    pub weight: f64,
+}
+
+/// Reflectance of `height` × `width` texels at every pose.
+#[derive(Debug, Clone, PartialEq)]
+pub struct SampledSbrdf {
+    /// Texels a row.
+    pub width: usize,
+    /// Rows; row 0 is the sample's +y edge.
+    pub height: usize,
+    /// Edge of a texel, mm.
+    pub texel_mm: f64,
+    /// Geometry a pose.
+    pub poses: Vec<PoseGeometry>,
+    /// [y, x, pose, rgb] in sr⁻¹; NaN without a valid exposure.
+    pub reflectance: Vec<f32>,
+}
+
+impl SampledSbrdf {
+    /// A store of NaN for the given size.
+    pub fn empty(width: usize, height: usize, texel_mm: f64, poses: Vec<PoseGeometry>) -> Self {
+        let reflectance = vec![f32::NAN; width * height * poses.len() * 3];
+        Self { width, height, texel_mm, poses, reflectance }
+    }
+
+    /// Number of texels.
+    pub fn texels(&self) -> usize {
+        self.width * self.height
+    }
+
+    /// Centre of texel `index` (row · width + column) in the sample's frame, mm.
+    pub fn position_mm(&self, index: usize) -> DVec3 {
+        texel_position_mm(self.width, self.height, self.texel_mm, index)
+    }
+
+    /// Unit directions toward the light and the camera from texel `index` at `pose`.
+    pub fn directions(&self, index: usize, pose: usize) -> (Vec3, Vec3) {
+        let position = self.position_mm(index);
+        let geometry = &self.poses[pose];
+        let towards = |point: DVec3| (point - position).normalize().as_vec3();
+        (towards(geometry.light_mm), towards(geometry.camera_mm))
+    }
+
+    /// The samples of texel `index`, one a pose; NaN without a valid exposure.
+    pub fn samples(&self, index: usize) -> impl Iterator<Item = Rgb> + '_ {
+        let count = self.poses.len() * 3;
+        self.reflectance[index * count..(index + 1) * count].chunks_exact(3).map(Rgb::from_slice)
+    }
+}
+
+/// Centre of texel `index` of a sample of `width` × `height` texels, in the sample's frame, mm.
+pub fn texel_position_mm(width: usize, height: usize, texel_mm: f64, index: usize) -> DVec3 {
+    let (x, y) = ((index % width) as f64, (index / width) as f64);
+    DVec3::new(x + 0.5 - width as f64 / 2.0, height as f64 / 2.0 - y - 0.5, 0.0) * texel_mm
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn row_zero_lies_on_the_plus_y_edge_and_columns_run_along_x() {
+        let first = texel_position_mm(4, 2, 0.5, 0);
+        assert_eq!(first, DVec3::new(-0.75, 0.25, 0.0));
+        assert_eq!(texel_position_mm(4, 2, 0.5, 7), -first);
+    }
+}
