@@ -7,7 +7,9 @@
 pub mod error;
 pub mod files;
 pub mod progress;
+pub mod render;
 pub mod sampled;
+pub mod scene;
 pub mod toml_file;
 
 pub use error::{Error, Result};
