@@ -58,10 +58,7 @@ pub struct RenderOutcome {
 pub fn run(args: &RenderArgs) -> Result<RenderOutcome> {
     for path in &args.output {
         if render::picture_kind(path).is_none() {
-            return Err(Error::input(format!(
-                "{}: a picture's name ends in .exr or .png",
-                path.display()
-            )));
+            return Err(Error::input(format!("{}: a picture's name ends in .exr or .png", path.display())));
         }
     }
     let start = Instant::now();

@@ -61,9 +61,7 @@ impl Picture {
         match picture_kind(path) {
             Some(PictureKind::Exr) => self.write_exr(path),
             Some(PictureKind::Png) => files::write_bytes(path, &self.png(exposure)?),
-            None => {
-                Err(Error::input(format!("{}: a picture's name ends in .exr or .png", path.display())))
-            }
+            None => Err(Error::input(format!("{}: a picture's name ends in .exr or .png", path.display()))),
         }
     }
 

@@ -45,8 +45,7 @@ impl Gpu {
         let description = wgpu::DeviceDescriptor {
             label: Some("lobelia"),
             // Multisampled float targets, where the adapter has them.
-            required_features: adapter.features()
-                & wgpu::Features::TEXTURE_ADAPTER_SPECIFIC_FORMAT_FEATURES,
+            required_features: adapter.features() & wgpu::Features::TEXTURE_ADAPTER_SPECIFIC_FORMAT_FEATURES,
             required_limits: adapter.limits(),
             ..Default::default()
         };
@@ -66,10 +65,8 @@ impl Gpu {
         let usages = wgpu::TextureUsages::RENDER_ATTACHMENT | wgpu::TextureUsages::COPY_SRC;
         wanted.iter().copied().find(|&(format, samples)| {
             let features = self.adapter.get_texture_format_features(format);
-            let specific = self
-                .device
-                .features()
-                .contains(wgpu::Features::TEXTURE_ADAPTER_SPECIFIC_FORMAT_FEATURES);
+            let specific =
+                self.device.features().contains(wgpu::Features::TEXTURE_ADAPTER_SPECIFIC_FORMAT_FEATURES);
             let resolves =
                 samples == 1 || features.flags.contains(wgpu::TextureFormatFeatureFlags::MULTISAMPLE_RESOLVE);
             let guaranteed = specific || samples == 1 || format == wgpu::TextureFormat::Rgba16Float;
@@ -85,12 +82,9 @@ impl Gpu {
     /// # Errors
     /// The work's own, or a failure that quotes the driver.
     pub(crate) fn guarded<T>(&self, work: impl FnOnce() -> Result<T>) -> Result<T> {
-        let scopes = [
-            wgpu::ErrorFilter::Validation,
-            wgpu::ErrorFilter::OutOfMemory,
-            wgpu::ErrorFilter::Internal,
-        ]
-        .map(|filter| self.device.push_error_scope(filter));
+        let scopes =
+            [wgpu::ErrorFilter::Validation, wgpu::ErrorFilter::OutOfMemory, wgpu::ErrorFilter::Internal]
+                .map(|filter| self.device.push_error_scope(filter));
         let done = work();
         let mut first = None;
         for scope in scopes.into_iter().rev() {
@@ -217,9 +211,13 @@ mod tests {
 
     #[test]
     fn half_floats_are_read_exactly() {
-        for (bits, value) in
-            [(0x3c00, 1.0), (0xc000, -2.0), (0x7bff, 65504.0), (0x0001, 2f32.powi(-24)), (0x3555, 0.333_251_95)]
-        {
+        for (bits, value) in [
+            (0x3c00, 1.0),
+            (0xc000, -2.0),
+            (0x7bff, 65504.0),
+            (0x0001, 2f32.powi(-24)),
+            (0x3555, 0.333_251_95),
+        ] {
             assert_eq!(half_to_f32(bits), value);
         }
         assert_eq!(half_to_f32(0x7c00), f32::INFINITY);

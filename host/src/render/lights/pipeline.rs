@@ -140,8 +140,7 @@ fn pipeline(gpu: &Gpu, format: TextureFormat, samples: u32) -> wgpu::RenderPipel
         label: Some("lights.wgsl"),
         source: wgpu::ShaderSource::Wgsl(SHADER.into()),
     });
-    let attributes =
-        wgpu::vertex_attr_array![0 => Float32x3, 1 => Float32x3, 2 => Float32x4, 3 => Float32x2];
+    let attributes = wgpu::vertex_attr_array![0 => Float32x3, 1 => Float32x3, 2 => Float32x4, 3 => Float32x2];
     gpu.device.create_render_pipeline(&wgpu::RenderPipelineDescriptor {
         label: Some("lights"),
         layout: None,
