@@ -7,6 +7,7 @@
 pub mod error;
 pub mod files;
 pub mod progress;
+pub mod rig;
 pub mod sampled;
 pub mod toml_file;
 
