@@ -1,1 +1,3 @@
-//! Lobelia.
+//! A simulated rig: the firmware on a virtual clock, against simulated mechanics, lamp and optical bench.
+
+pub mod optics;
