@@ -1,1 +1,3 @@
 //! Lobelia.
+
+pub mod optics;

@@ -1,0 +1,3 @@
+//! The optical bench: what the simulated camera sees.
+
+pub mod tags;
