@@ -4,6 +4,7 @@
 //! The `lobelia` command is a thin layer over these modules; arrows run one way:
 //! `rig` ← `plan` ← `acquire` ← `develop` ← `fit` ← `render` ← `cli`.
 
+pub mod develop;
 pub mod error;
 pub mod files;
 pub mod plan;

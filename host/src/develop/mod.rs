@@ -1,0 +1,3 @@
+//! Raw frames to radiance, registered on the sample and sampled.
+
+pub mod fiducials;
