@@ -4,9 +4,11 @@
 //! The `lobelia` command is a thin layer over these modules; arrows run one way:
 //! `rig` ← `plan` ← `acquire` ← `develop` ← `fit` ← `render` ← `cli`.
 
+pub mod acquire;
 pub mod develop;
 pub mod error;
 pub mod files;
+pub mod linalg;
 pub mod plan;
 pub mod progress;
 pub mod rig;

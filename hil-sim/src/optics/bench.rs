@@ -63,7 +63,7 @@ pub struct OpticalBench {
 /// Points a pixel, each with a point of the aperture of its own.
 const POINTS: usize = 4;
 
-/// Places of the four points within a pixel, pixels from its centre.
+/// Centres of the four quarters of a pixel, pixels from its centre.
 const PIXEL_POINTS: [[f64; 2]; POINTS] = [[-0.25, -0.25], [0.25, -0.25], [-0.25, 0.25], [0.25, 0.25]];
 
 /// Directions of the four aperture points; at R/√2 they have the second moments of a uniform disc of radius R.
@@ -86,7 +86,16 @@ impl OpticalBench {
             .into_par_iter()
             .map(|index| {
                 let (x, y) = ((index % camera.width) as f64, (index / camera.width) as f64);
-                PIXEL_POINTS.map(|[dx, dy]| camera.normalised([x + dx, y + dy]).map(|c| c as f32))
+                // Jittered within its quarter: regular points would shift every edge that lies along the pixels alike.
+                let jitter = |k: usize| {
+                    let bits = noise::combine(&[index as u64, k as u64]);
+                    ((bits >> 40) as f64 / (1u64 << 24) as f64 - 0.5) * 0.5
+                };
+                std::array::from_fn(|k| {
+                    let [dx, dy] = PIXEL_POINTS[k];
+                    let point = [x + dx + jitter(2 * k), y + dy + jitter(2 * k + 1)];
+                    camera.normalised(point).map(|c| c as f32)
+                })
             })
             .collect();
         Self { config, rays }

@@ -2,6 +2,7 @@
 //!
 //! Lengths in mm, angles in degrees, times in seconds, as the key names say.
 
+use lobelia_protocol::{AxisParameters, Configuration, HomeDirection};
 use serde::{Deserialize, Serialize};
 
 /// The whole file.
@@ -58,7 +59,7 @@ pub struct Axis {
     pub min_deg: f64,
     /// Upper soft limit.
     pub max_deg: f64,
-    /// Angle at which the home switch closes.
+    /// Angle of the home switch's edge, below the lower limit.
     pub home_deg: f64,
     /// Highest speed.
     pub max_speed_deg_s: f64,
@@ -78,7 +79,7 @@ impl Default for Axes {
             degrees_per_step: 0.0129,
             min_deg: -limit,
             max_deg: limit,
-            home_deg: -limit - 1.0,
+            home_deg: -limit - 5.0,
             max_speed_deg_s: 60.0,
             acceleration_deg_s2: 120.0,
             take_up_deg: 0.5,
@@ -86,17 +87,45 @@ impl Default for Axes {
             repeatability_deg,
         };
         let light = Axis {
-            degrees_per_step: 0.0025,
+            // Ten of table 3.1's motor counts: still 1/88 of the repeatability.
+            degrees_per_step: 1.6e-3,
             min_deg: 10.0,
             max_deg: 175.0,
-            home_deg: 9.0,
-            max_speed_deg_s: 40.0,
+            home_deg: 5.0,
+            max_speed_deg_s: 20.0,
             acceleration_deg_s2: 40.0,
             take_up_deg: 0.2,
             settle_s: 0.3,
             repeatability_deg: 0.1411,
         };
         Self { pan: head(90.0, 0.786), tilt: head(90.0, 0.786), roll: head(180.0, 0.786), light }
+    }
+}
+
+impl Axis {
+    /// The axis in the controller's steps; `None` when a number is out of range.
+    fn parameters(&self) -> Option<AxisParameters> {
+        let signed = |degrees: f64| {
+            let steps = (degrees / self.degrees_per_step).round();
+            (steps.abs() < 1e9).then_some(steps as i32)
+        };
+        let positive = |degrees: f64| signed(degrees).and_then(|steps| u32::try_from(steps).ok());
+        let settle_ms = (self.settle_s * 1e3).round();
+        Some(AxisParameters {
+            min_steps: signed(self.min_deg)?,
+            max_steps: signed(self.max_deg)?,
+            max_speed: positive(self.max_speed_deg_s)?,
+            acceleration: positive(self.acceleration_deg_s2)?,
+            take_up_steps: positive(self.take_up_deg)?,
+            settle_ms: (0.0..=65535.0).contains(&settle_ms).then_some(settle_ms as u16)?,
+            home_direction: HomeDirection::Negative,
+            // The first whole step above the switch's edge.
+            home_position: signed((self.home_deg / self.degrees_per_step).floor() * self.degrees_per_step)? + 1,
+            home_speed: positive(self.max_speed_deg_s / 3.0)?.max(1),
+            home_slow_speed: positive(self.max_speed_deg_s / 60.0)?.max(1),
+            home_back_off: positive(1.0)?.max(1),
+            home_travel: positive(self.max_deg - self.home_deg + 20.0)?,
+        })
     }
 }
 
@@ -197,7 +226,7 @@ impl Default for Lamp {
         Self {
             aperture_diameter_mm: 10.0,
             radiance: [1000.0, 1000.0, 1000.0],
-            reference_reading: 32768.0,
+            reference_reading: 3000.0,
             warm_up_s: 900.0,
         }
     }
@@ -343,6 +372,28 @@ impl Default for Simulator {
 }
 
 impl RigConfig {
+    /// Angles in degrees (pan, tilt, roll, light) as motor steps, rounded to the nearest.
+    pub fn steps(&self, degrees: [f64; 4]) -> [i32; 4] {
+        let axes = self.axes.in_order();
+        std::array::from_fn(|k| (degrees[k] / axes[k].degrees_per_step).round() as i32)
+    }
+
+    /// What the controller has to know.
+    ///
+    /// # Errors
+    /// When a number of the file does not fit the controller's integers.
+    pub fn configuration(&self) -> crate::Result<Configuration> {
+        let mut axes = Vec::with_capacity(4);
+        for (name, axis) in AXIS_NAMES.iter().zip(self.axes.in_order()) {
+            axes.push(axis.parameters().ok_or_else(|| {
+                crate::Error::input(format!("rig.toml: axes.{name} has a number beyond the controller's range"))
+            })?);
+        }
+        let lamp_warm_up_s = self.lamp.warm_up_s.ceil() as u16;
+        let axes = axes.try_into().map_err(|_| crate::Error::input("rig.toml: there must be four axes"))?;
+        Ok(Configuration { axes, lamp_warm_up_s })
+    }
+
     /// Checks what types cannot: limits in order, positive sizes, exposures 1 to 3, tags without repeats.
     ///
     /// # Errors
