@@ -7,6 +7,7 @@
 pub mod error;
 pub mod files;
 pub mod progress;
+pub mod rig;
 pub mod toml_file;
 
 pub use error::{Error, Result};

@@ -13,8 +13,11 @@ pub fn set_quiet(quiet: bool) {
 
 /// A bar over `total` items called `unit` (poses, texels); it clears itself when dropped.
 pub fn bar(label: &str, total: u64, unit: &str) -> Bar {
-    let target =
-        if QUIET.load(Ordering::Relaxed) { ProgressDrawTarget::hidden() } else { ProgressDrawTarget::stderr() };
+    let target = if QUIET.load(Ordering::Relaxed) {
+        ProgressDrawTarget::hidden()
+    } else {
+        ProgressDrawTarget::stderr()
+    };
     let style = format!("{{msg:>10}} [{{bar:30}}] {{pos}}/{{len}} {unit} ({{per_sec}}, {{eta}} left)");
     let bar = ProgressBar::with_draw_target(Some(total), target);
     if let Ok(style) = ProgressStyle::with_template(&style) {

@@ -65,7 +65,8 @@ mod tests {
 
     #[test]
     fn wrong_types_name_the_line() {
-        let text = parse::<Lamp>("radius_mm = 3.0\nwarm_up_s = \"long\"\n", "rig.toml").unwrap_err().to_string();
+        let text =
+            parse::<Lamp>("radius_mm = 3.0\nwarm_up_s = \"long\"\n", "rig.toml").unwrap_err().to_string();
         assert!(text.contains("line 2") && !text.contains('\n'), "{text}");
     }
 }
