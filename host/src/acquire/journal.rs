@@ -102,7 +102,8 @@ impl Journal {
         let path = folder.join(FILE_NAME);
         let file = OpenOptions::new().append(true).create_new(true).open(&path).map_err(|error| {
             if error.kind() == std::io::ErrorKind::AlreadyExists {
-                let message = "a run was recorded here already; continue it with --resume or name another folder";
+                let message =
+                    "a run was recorded here already; continue it with --resume or name another folder";
                 Error::input(format!("{}: {message}", folder.display()))
             } else {
                 Error::writing(&path, error)
@@ -203,7 +204,8 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         Journal::create(folder.path()).unwrap();
         assert!(Journal::create(folder.path()).err().unwrap().to_string().contains("--resume"));
-        std::fs::write(folder.path().join(FILE_NAME), "{\"record\":\"homed\",\"controller_us\":1}\n{]\n").unwrap();
+        std::fs::write(folder.path().join(FILE_NAME), "{\"record\":\"homed\",\"controller_us\":1}\n{]\n")
+            .unwrap();
         assert!(read(folder.path()).unwrap_err().to_string().contains("line 2"));
     }
 }

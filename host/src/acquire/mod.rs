@@ -188,7 +188,8 @@ impl Steps<'_> {
     fn dark_frames(&mut self) -> Result<()> {
         let camera = &self.run.rig.camera;
         let each = self.run.rig.exposure.dark_frames.max(1);
-        let times = [camera.min_exposure_s, camera.max_exposure_s].map(|seconds| vec![seconds; each]).concat();
+        let times =
+            [camera.min_exposure_s, camera.max_exposure_s].map(|seconds| vec![seconds; each]).concat();
         for (index, seconds) in times.into_iter().enumerate() {
             let is_this = |record: &Record| matches!(record, Record::Dark { index: i, .. } if *i == index);
             if let Some(record) = self.recorded(is_this) {

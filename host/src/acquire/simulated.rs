@@ -7,7 +7,9 @@ use std::path::Path;
 use lobelia_hil_sim::optics::bench::PrintedTag;
 use lobelia_hil_sim::optics::frame::{FrameNotes, write_tiff};
 use lobelia_hil_sim::optics::noise;
-use lobelia_hil_sim::optics::{BenchConfig, CameraModel, OpticalBench, RadianceImage, SampleLayout, SensorModel};
+use lobelia_hil_sim::optics::{
+    BenchConfig, CameraModel, OpticalBench, RadianceImage, SampleLayout, SensorModel,
+};
 use lobelia_hil_sim::{AxisMechanics, LampConfig, MechanicsConfig, SimulatedRig};
 use serde::{Deserialize, Serialize};
 
@@ -49,7 +51,8 @@ impl SimulatedCamera {
 
     /// Writes what the sensor recorded of the exposure just made.
     pub(super) fn store(&mut self, file: &Path, shot: &Shot) -> Result<()> {
-        let truth = self.rig.last_exposure().ok_or_else(|| Error::failure("the simulated shutter never opened"))?;
+        let truth =
+            self.rig.last_exposure().ok_or_else(|| Error::failure("the simulated shutter never opened"))?;
         let stale = self.last.as_ref().is_none_or(|(angles, _)| *angles != truth.axes_rad);
         if stale {
             self.last = Some((truth.axes_rad, self.bench.radiance(truth.axes_rad)));
@@ -70,7 +73,10 @@ impl SimulatedCamera {
         write_tiff(&mut bytes, camera.width, camera.height, &values, &notes)
             .map_err(|error| Error::writing(file, error))?;
         files::write_bytes(file, bytes.get_ref())?;
-        self.note_truth(file, Truth { key: shot.key, axes_rad: truth.axes_rad, lamp_relative: truth.lamp_relative })
+        self.note_truth(
+            file,
+            Truth { key: shot.key, axes_rad: truth.axes_rad, lamp_relative: truth.lamp_relative },
+        )
     }
 
     /// Appends to the truth file beside the frames' folder.

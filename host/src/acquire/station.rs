@@ -65,7 +65,7 @@ impl Station {
 
     /// Whether the controller knows where all axes are.
     pub(super) fn homed(&mut self) -> Result<bool> {
-        Ok(self.client.status()?.axes.iter().all(|axis| axis.known))
+        Ok(self.client.status()?.known.iter().all(|&known| known))
     }
 
     /// The controller's clock, µs. A simulated rig is asked directly, so that asking takes no time.
@@ -155,7 +155,8 @@ impl WatchedFolder {
             std::thread::sleep(LOOK_AGAIN);
         }
         let seconds = self.timeout.as_secs_f64();
-        let message = format!("no photograph arrived within {seconds} s; is the camera's software storing here?");
+        let message =
+            format!("no photograph arrived within {seconds} s; is the camera's software storing here?");
         Err(Error::failure(format!("{}: {message}", self.path.display())))
     }
 }

@@ -10,10 +10,8 @@ pub fn distort(camera: &Camera, point: DVec2) -> DVec2 {
     let r2 = point.length_squared();
     let radial = 1.0 + r2 * (k1 + r2 * (k2 + r2 * k3));
     let (x, y) = (point.x, point.y);
-    let tangential = DVec2::new(
-        2.0 * p1 * x * y + p2 * (r2 + 2.0 * x * x),
-        p1 * (r2 + 2.0 * y * y) + 2.0 * p2 * x * y,
-    );
+    let tangential =
+        DVec2::new(2.0 * p1 * x * y + p2 * (r2 + 2.0 * x * x), p1 * (r2 + 2.0 * y * y) + 2.0 * p2 * x * y);
     point * radial + tangential
 }
 

@@ -45,7 +45,8 @@ impl Homography {
         for _ in 0..STEPS {
             h = refine(&h, &scaled)?;
         }
-        let into_plane = DMat3::from_scale(DVec2::splat(1.0 / plane_scale)) * DMat3::from_translation(-plane_centre);
+        let into_plane =
+            DMat3::from_scale(DVec2::splat(1.0 / plane_scale)) * DMat3::from_translation(-plane_centre);
         let from_image = DMat3::from_translation(image_centre) * DMat3::from_scale(DVec2::splat(image_scale));
         Some(Self { matrix: from_image * as_matrix(&h) * into_plane })
     }
@@ -140,7 +141,10 @@ mod tests {
     #[test]
     fn points_on_a_line_are_refused() {
         let points: Vec<Correspondence> = (0..10)
-            .map(|k| Correspondence { plane_mm: DVec2::new(f64::from(k), 0.0), image: DVec2::new(f64::from(k), 1.0) })
+            .map(|k| Correspondence {
+                plane_mm: DVec2::new(f64::from(k), 0.0),
+                image: DVec2::new(f64::from(k), 1.0),
+            })
             .collect();
         assert!(Homography::fit(&points).is_none());
     }

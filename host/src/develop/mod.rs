@@ -92,7 +92,8 @@ fn recorded_poses(run: &RunFolder) -> Result<Vec<Vec<ExposureRecord>>> {
     }
     let missing = poses.iter().filter(|pose| pose.is_none()).count();
     if missing > 0 {
-        let message = format!("{missing} of {} poses are not recorded; continue the run with --resume", poses.len());
+        let message =
+            format!("{missing} of {} poses are not recorded; continue the run with --resume", poses.len());
         return Err(Error::input(format!("{}: {message}", run.path.display())));
     }
     Ok(poses.into_iter().flatten().collect())
@@ -106,8 +107,7 @@ fn dark_signal(run: &RunFolder) -> Result<DarkSignal> {
             frames.push(read_frame(run, exposure)?);
         }
     }
-    DarkSignal::from_frames(&run.rig.camera, &frames)
-        .map_err(|error| error.at(run.path.display()))
+    DarkSignal::from_frames(&run.rig.camera, &frames).map_err(|error| error.at(run.path.display()))
 }
 
 /// Reads a recorded frame; its EXIF exposure must be the controller's.
@@ -116,7 +116,8 @@ fn read_frame(run: &RunFolder, exposure: &ExposureRecord) -> Result<frame::RawFr
     let mut frame = frame::read(&path)?;
     if (frame.exposure_s / exposure.open_s - 1.0).abs() > 0.02 {
         let (camera, controller) = (frame.exposure_s, exposure.open_s);
-        let message = format!("its EXIF exposure is {camera} s, the controller opened the shutter for {controller} s");
+        let message =
+            format!("its EXIF exposure is {camera} s, the controller opened the shutter for {controller} s");
         return Err(Error::input(format!("{}: {message}", path.display())));
     }
     // The controller's clock is finer than EXIF's rounded shutter speeds.
@@ -128,7 +129,11 @@ fn read_frame(run: &RunFolder, exposure: &ExposureRecord) -> Result<frame::RawFr
 ///
 /// # Errors
 /// As [`run`].
-pub fn pose_radiance(run: &RunFolder, exposures: &[ExposureRecord], dark: &DarkSignal) -> Result<MosaicRadiance> {
+pub fn pose_radiance(
+    run: &RunFolder,
+    exposures: &[ExposureRecord],
+    dark: &DarkSignal,
+) -> Result<MosaicRadiance> {
     let bracket = exposures
         .iter()
         .map(|exposure| {

@@ -105,7 +105,8 @@ mod tests {
         places
             .enumerate()
             .map(|(k, plane_mm)| {
-                let error = DVec2::new(jitter(2 * k), jitter(2 * k + 1)) * noise_px / config.camera.focal_px[0];
+                let error =
+                    DVec2::new(jitter(2 * k), jitter(2 * k + 1)) * noise_px / config.camera.focal_px[0];
                 Correspondence { plane_mm, image: appearance(config, truth, plane_mm) + error }
             })
             .collect()

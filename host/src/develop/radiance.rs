@@ -89,11 +89,13 @@ pub fn merge(camera: &Camera, dark: &DarkSignal, bracket: &[BracketedFrame]) -> 
     for BracketedFrame { frame, lamp_relative } in bracket {
         if (frame.width, frame.height) != (camera.width, camera.height) {
             let (w, h) = (frame.width, frame.height);
-            let message = format!("frame of {w} × {h} pixels, rig.toml says {} × {}", camera.width, camera.height);
+            let message =
+                format!("frame of {w} × {h} pixels, rig.toml says {} × {}", camera.width, camera.height);
             return Err(Error::input(message));
         }
         if lamp_relative.partial_cmp(&0.05) != Some(std::cmp::Ordering::Greater) {
-            let message = format!("the lamp's reference reading is {lamp_relative} of nominal: was the lamp on?");
+            let message =
+                format!("the lamp's reference reading is {lamp_relative} of nominal: was the lamp on?");
             return Err(Error::input(message));
         }
     }
@@ -129,7 +131,8 @@ mod tests {
     fn frame(camera: &Camera, exposure_s: f64, radiance: f64) -> RawFrame {
         let value = |k: usize| {
             let gain = camera.responsivity[bayer_channel(k % camera.width, k / camera.width)];
-            (camera.black_level + 3.0 * exposure_s + radiance * gain * exposure_s).min(camera.white_level) as u16
+            (camera.black_level + 3.0 * exposure_s + radiance * gain * exposure_s).min(camera.white_level)
+                as u16
         };
         let values = (0..camera.width * camera.height).map(value).collect();
         RawFrame { width: camera.width, height: camera.height, values, exposure_s }
@@ -144,10 +147,8 @@ mod tests {
         let camera = camera();
         let dark = dark(&camera);
         for radiance in [0.05, 0.6, 3.0, 40.0] {
-            let shots = [0.01, 0.1, 1.0].map(|t| BracketedFrame {
-                frame: frame(&camera, t, radiance * 0.8),
-                lamp_relative: 0.8,
-            });
+            let shots = [0.01, 0.1, 1.0]
+                .map(|t| BracketedFrame { frame: frame(&camera, t, radiance * 0.8), lamp_relative: 0.8 });
             for value in merge(&camera, &dark, &shots).unwrap().data {
                 assert!((f64::from(value) / radiance - 1.0).abs() < 5e-3, "{value} {radiance}");
             }

@@ -30,7 +30,8 @@ mod tests {
         let config = RigConfig::default();
         let light_mm = DVec3::new(500.0, 0.0, 866.0);
         let geometry = PoseGeometry { light_mm, camera_mm: DVec3::Z * 1000.0, weight: 1.0 };
-        let [near, far] = [32.0, -32.0].map(|x| irradiance_factor(&config, &geometry, DVec3::new(x, 0.0, 0.0)));
+        let [near, far] =
+            [32.0, -32.0].map(|x| irradiance_factor(&config, &geometry, DVec3::new(x, 0.0, 0.0)));
         let expected = |x: f64| {
             let r2 = (500.0 - x) * (500.0 - x) + 866.0 * 866.0;
             866.0 / r2.powf(1.5)

@@ -98,14 +98,19 @@ fn fit(config: &RigConfig, seen: &[Detection]) -> Result<Homography, String> {
     let mut kept: Vec<Detection> = seen.to_vec();
     loop {
         if kept.len() < FEWEST_TAGS {
-            return Err(format!("{} of {} tags seen, {FEWEST_TAGS} needed", kept.len(), config.carrier.tags.len()));
+            return Err(format!(
+                "{} of {} tags seen, {FEWEST_TAGS} needed",
+                kept.len(),
+                config.carrier.tags.len()
+            ));
         }
-        let homography = Homography::fit(&correspondences(config, &kept)).ok_or("the tags determine no plane")?;
+        let homography =
+            Homography::fit(&correspondences(config, &kept)).ok_or("the tags determine no plane")?;
         let off = |detection: &Detection| {
             let tag = known_tag(config, detection.id).map(|tag| tag_corners(config, tag));
             let pairs = tag.into_iter().flatten().zip(detection.corners);
             let distance =
-                |(plane, seen)| (camera::to_pixel(&config.camera, homography.apply(plane)) - seen).length();
+                |(plane, seen): (DVec2, DVec2)| (camera::to_pixel(&config.camera, homography.apply(plane)) - seen).length();
             pairs.map(distance).fold(0.0, f64::max)
         };
         // The worst first: one false tag pulls the others off too.
@@ -118,8 +123,14 @@ fn fit(config: &RigConfig, seen: &[Detection]) -> Result<Homography, String> {
 }
 
 /// Looks for the carrier's other tags where the homography says that they are.
-fn add_missed_tags(config: &RigConfig, image: &GrayImage, homography: &Homography, seen: &mut Vec<Detection>) {
-    let missed: Vec<&Tag> = config.carrier.tags.iter().filter(|tag| seen.iter().all(|d| d.id != tag.id)).collect();
+fn add_missed_tags(
+    config: &RigConfig,
+    image: &GrayImage,
+    homography: &Homography,
+    seen: &mut Vec<Detection>,
+) {
+    let missed: Vec<&Tag> =
+        config.carrier.tags.iter().filter(|tag| seen.iter().all(|d| d.id != tag.id)).collect();
     for tag in missed {
         let predicted =
             tag_corners(config, tag).map(|corner| camera::to_pixel(&config.camera, homography.apply(corner)));

@@ -73,7 +73,8 @@ mod tests {
 
     fn mosaic(value: impl Fn(f64, f64) -> f64) -> MosaicRadiance {
         let (width, height) = (40, 30);
-        let data = (0..width * height).map(|k| value((k % width) as f64, (k / width) as f64) as f32).collect();
+        let data =
+            (0..width * height).map(|k| value((k % width) as f64, (k / width) as f64) as f32).collect();
         MosaicRadiance { width, height, data }
     }
 

@@ -120,7 +120,8 @@ impl Axis {
             settle_ms: (0.0..=65535.0).contains(&settle_ms).then_some(settle_ms as u16)?,
             home_direction: HomeDirection::Negative,
             // The first whole step above the switch's edge.
-            home_position: signed((self.home_deg / self.degrees_per_step).floor() * self.degrees_per_step)? + 1,
+            home_position: signed((self.home_deg / self.degrees_per_step).floor() * self.degrees_per_step)?
+                + 1,
             home_speed: positive(self.max_speed_deg_s / 3.0)?.max(1),
             home_slow_speed: positive(self.max_speed_deg_s / 60.0)?.max(1),
             home_back_off: positive(1.0)?.max(1),
@@ -386,7 +387,9 @@ impl RigConfig {
         let mut axes = Vec::with_capacity(4);
         for (name, axis) in AXIS_NAMES.iter().zip(self.axes.in_order()) {
             axes.push(axis.parameters().ok_or_else(|| {
-                crate::Error::input(format!("rig.toml: axes.{name} has a number beyond the controller's range"))
+                crate::Error::input(format!(
+                    "rig.toml: axes.{name} has a number beyond the controller's range"
+                ))
             })?);
         }
         let lamp_warm_up_s = self.lamp.warm_up_s.ceil() as u16;
