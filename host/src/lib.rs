@@ -6,6 +6,7 @@
 
 pub mod error;
 pub mod files;
+pub mod fit;
 pub mod progress;
 pub mod sampled;
 pub mod toml_file;
