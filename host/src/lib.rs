@@ -8,6 +8,7 @@ pub mod acquire;
 pub mod develop;
 pub mod error;
 pub mod files;
+pub mod fit;
 pub mod linalg;
 pub mod plan;
 pub mod progress;

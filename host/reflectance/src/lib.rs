@@ -9,9 +9,11 @@ pub mod lobe;
 pub mod map;
 mod map_exr;
 pub mod materials;
+pub mod table;
 
 pub use lobe::{Lobe, LobeBrdf};
 pub use map::{LobePlane, SbrdfMap};
+pub use table::{InterpolatedBrdf, MeasuredTable};
 
 /// Linear scene-referred Rec. 709 colour, or a reflectance in sr⁻¹ a channel.
 pub type Rgb = glam::Vec3;
