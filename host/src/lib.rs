@@ -12,8 +12,10 @@ pub mod fit;
 pub mod linalg;
 pub mod plan;
 pub mod progress;
+pub mod render;
 pub mod rig;
 pub mod sampled;
+pub mod scene;
 pub mod toml_file;
 
 pub use error::{Error, Result};

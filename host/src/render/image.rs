@@ -1,0 +1,133 @@
+//! Pictures: linear radiance with coverage, written as OpenEXR or as a tone-mapped PNG.
+
+use std::fs;
+use std::path::Path;
+
+use glam::Vec4;
+
+use crate::error::{Error, Result};
+use crate::files;
+use crate::reflectance::{Rgb, colour};
+
+/// Luminance that tone mapping takes to full white.
+const WHITE: f32 = 3.0;
+
+/// Linear Rec. 709 radiance and coverage, row by row from the top.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Picture {
+    /// Pixels a row.
+    pub width: usize,
+    /// Rows.
+    pub height: usize,
+    /// Red, green, blue radiance, background included; alpha is the part of the pixel that objects cover.
+    pub pixels: Vec<Vec4>,
+}
+
+impl Picture {
+    /// The linear colour of a pixel.
+    pub fn rgb(&self, x: usize, y: usize) -> Rgb {
+        self.pixels[y * self.width + x].truncate()
+    }
+
+    /// 8-bit sRGB after extended Reinhard tone mapping with the exposure given.
+    pub fn tone_mapped(&self, exposure: f32) -> Vec<u8> {
+        let map = |p: &Vec4| colour::to_srgb8(colour::tone_map(p.truncate(), exposure, WHITE));
+        self.pixels.iter().flat_map(map).collect()
+    }
+
+    /// The tone-mapped picture as the bytes of a PNG file.
+    ///
+    /// # Errors
+    /// When the encoder refuses the size.
+    pub fn png(&self, exposure: f32) -> Result<Vec<u8>> {
+        use image::ImageEncoder;
+        let mut bytes = Vec::new();
+        image::codecs::png::PngEncoder::new(&mut bytes)
+            .write_image(
+                &self.tone_mapped(exposure),
+                self.width as u32,
+                self.height as u32,
+                image::ExtendedColorType::Rgb8,
+            )
+            .map_err(|error| Error::failure(format!("the picture cannot be encoded as PNG: {error}")))?;
+        Ok(bytes)
+    }
+
+    /// Writes a linear `.exr` (f32 RGBA) or a tone-mapped `.png`, whole or not at all.
+    ///
+    /// # Errors
+    /// Input errors for another extension, failures of the disk.
+    pub fn write(&self, path: &Path, exposure: f32) -> Result<()> {
+        match extension(path)? {
+            Extension::Exr => self.write_exr(path),
+            Extension::Png => files::write_bytes(path, &self.png(exposure)?),
+        }
+    }
+
+    /// Linear OpenEXR.
+    fn write_exr(&self, path: &Path) -> Result<()> {
+        let temporary = files::temporary_name(path);
+        let written = exr::prelude::write_rgba_file(&temporary, self.width, self.height, |x, y| {
+            let pixel = self.pixels[y * self.width + x];
+            (pixel.x, pixel.y, pixel.z, pixel.w)
+        });
+        let renamed = written.map_err(|error| error.to_string()).and_then(|()| {
+            let sync = || fs::File::open(&temporary)?.sync_all();
+            sync().and_then(|()| fs::rename(&temporary, path)).map_err(|error| error.to_string())
+        });
+        renamed.map_err(|error| {
+            // The first error is the one to tell.
+            let _ = fs::remove_file(&temporary);
+            Error::writing(path, error)
+        })
+    }
+}
+
+/// Formats that pictures are written in.
+pub(crate) enum Extension {
+    Exr,
+    Png,
+}
+
+/// The format that a name asks for.
+///
+/// # Errors
+/// Input errors for a name that asks for none.
+pub(crate) fn extension(path: &Path) -> Result<Extension> {
+    match path.extension().unwrap_or_default().to_string_lossy().to_lowercase().as_str() {
+        "exr" => Ok(Extension::Exr),
+        "png" => Ok(Extension::Png),
+        _ => Err(Error::input(format!("{}: a picture's name ends in .exr or .png", path.display()))),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn example() -> Picture {
+        let pixels = (0..6).map(|i| Vec4::new(i as f32, 0.5, 1e-3, 1.0)).collect();
+        Picture { width: 3, height: 2, pixels }
+    }
+
+    #[test]
+    fn exr_keeps_linear_values_and_no_temporary_stays() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("picture.exr");
+        example().write(&path, 1.0).unwrap();
+        let environment = crate::scene::Environment::read(&path).unwrap();
+        assert_eq!(environment.pixels[5], Rgb::new(5.0, 0.5, 1e-3));
+        assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 1);
+    }
+
+    #[test]
+    fn png_is_tone_mapped_and_other_names_are_refused() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("picture.png");
+        example().write(&path, 1.0).unwrap();
+        let read = image::open(&path).unwrap().to_rgb8();
+        assert_eq!(read.dimensions(), (3, 2));
+        assert_eq!(example().write(&folder.path().join("p.bmp"), 1.0).unwrap_err().exit_code(), 2);
+        assert_eq!(example().write(&folder.path().join("no/p.exr"), 1.0).unwrap_err().exit_code(), 1);
+    }
+}

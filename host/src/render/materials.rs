@@ -1,0 +1,339 @@
+//! A scene's materials packed for evaluation: black lobes dropped, β multiplied into C, one layout for CPU and shader.
+
+use bytemuck::{Pod, Zeroable};
+use glam::{Vec2, Vec3};
+
+use super::math;
+use crate::reflectance::{Lobe, LobeBrdf, Rgb, colour};
+use crate::scene::{Filter, Reflectance, Scene};
+
+/// Lobes whose value would fall below 2^−40 of ρ_s are skipped.
+const NEGLIGIBLE_LOG2: f32 = -40.0;
+
+/// A lobe with C' = R(−β) C R(β) (4.4), which keeps its form: three numbers in the plane and one along the normal.
+#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
+#[repr(C)]
+pub(crate) struct PackedLobe {
+    /// C' xx, xy, yy and zz.
+    pub(crate) c: [f32; 4],
+    /// ρ_s, sr⁻¹.
+    pub(crate) rho_s: [f32; 3],
+    /// Exponent.
+    pub(crate) n: f32,
+}
+
+/// A texel: its diffuse term and its run of lobes.
+#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
+#[repr(C)]
+pub(crate) struct PackedTexel {
+    /// ρ_d, sr⁻¹.
+    pub(crate) rho_d: [f32; 3],
+    /// Index of the first lobe.
+    pub(crate) first: u32,
+    /// Number of lobes.
+    pub(crate) count: u32,
+    padding: [u32; 3],
+}
+
+/// A material: its run of texels and how they are looked up.
+#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
+#[repr(C)]
+pub(crate) struct PackedMaterial {
+    /// Index of the first texel.
+    pub(crate) first: u32,
+    /// Texels a row.
+    pub(crate) width: u32,
+    /// Rows.
+    pub(crate) height: u32,
+    /// 1 for bilinear, 0 for nearest.
+    pub(crate) bilinear: u32,
+    /// Repeats along u and v.
+    pub(crate) tiling: [f32; 2],
+    padding: [u32; 2],
+}
+
+/// All materials of a scene, one a scene object.
+pub(crate) struct Materials {
+    pub(crate) materials: Vec<PackedMaterial>,
+    pub(crate) texels: Vec<PackedTexel>,
+    pub(crate) lobes: Vec<PackedLobe>,
+}
+
+impl Materials {
+    /// Packs the materials of a scene's objects.
+    pub(crate) fn new(scene: &Scene) -> Self {
+        let mut packed = Self { materials: vec![], texels: vec![], lobes: vec![] };
+        for object in &scene.objects {
+            let first = packed.texels.len() as u32;
+            let (width, height) = match &object.material.reflectance {
+                Reflectance::Uniform(brdf) => {
+                    packed.push(brdf);
+                    (1, 1)
+                }
+                Reflectance::Map(map) => {
+                    (0..map.width * map.height).for_each(|index| packed.push(&map.texel(index)));
+                    (map.width as u32, map.height as u32)
+                }
+            };
+            packed.materials.push(PackedMaterial {
+                first,
+                width,
+                height,
+                bilinear: u32::from(object.material.filter == Filter::Bilinear && (width, height) != (1, 1)),
+                tiling: object.material.tiling.to_array(),
+                padding: [0; 2],
+            });
+        }
+        packed
+    }
+
+    /// Appends one texel.
+    fn push(&mut self, brdf: &LobeBrdf) {
+        let first = self.lobes.len() as u32;
+        self.lobes.extend(brdf.lobes.iter().filter(|lobe| lobe.rho_s != Rgb::ZERO).map(|l| pack(l, brdf.beta)));
+        self.texels.push(PackedTexel {
+            rho_d: brdf.rho_d.to_array(),
+            first,
+            count: self.lobes.len() as u32 - first,
+            padding: [0; 3],
+        });
+    }
+
+    /// The texel that texture coordinates lie in.
+    pub(crate) fn nearest(&self, object: u32, uv: Vec2) -> u32 {
+        let material = &self.materials[object as usize];
+        let (x, y) = texel_coordinates(material, uv);
+        self.index(material, x.floor() as i64, y.floor() as i64)
+    }
+
+    /// The texels around texture coordinates with their weights; four entries, or one of weight 1 and three of 0.
+    pub(crate) fn neighbours(&self, object: u32, uv: Vec2) -> [(u32, f32); 4] {
+        let material = &self.materials[object as usize];
+        if material.bilinear == 0 {
+            let texel = self.nearest(object, uv);
+            return [(texel, 1.0), (texel, 0.0), (texel, 0.0), (texel, 0.0)];
+        }
+        let (x, y) = texel_coordinates(material, uv);
+        let (left, top) = ((x - 0.5).floor(), (y - 0.5).floor());
+        let (fx, fy) = (x - 0.5 - left, y - 0.5 - top);
+        let at = |dx: i64, dy: i64| self.index(material, left as i64 + dx, top as i64 + dy);
+        [
+            (at(0, 0), (1.0 - fx) * (1.0 - fy)),
+            (at(1, 0), fx * (1.0 - fy)),
+            (at(0, 1), (1.0 - fx) * fy),
+            (at(1, 1), fx * fy),
+        ]
+    }
+
+    /// One of the neighbours, chosen with its weight as probability by two numbers in 0..1: the mean of evaluated
+    /// reflectance over such choices is the blend of the four.
+    pub(crate) fn choose(&self, object: u32, uv: Vec2, [r, s]: [f32; 2]) -> u32 {
+        let material = &self.materials[object as usize];
+        if material.width * material.height == 1 {
+            return material.first;
+        }
+        let (mut x, mut y) = texel_coordinates(material, uv);
+        if material.bilinear != 0 {
+            (x, y) = (x + r - 0.5, y + s - 0.5);
+        }
+        self.index(material, x.floor() as i64, y.floor() as i64)
+    }
+
+    /// Texel index of a row and column that wrap around.
+    fn index(&self, material: &PackedMaterial, x: i64, y: i64) -> u32 {
+        let (width, height) = (i64::from(material.width), i64::from(material.height));
+        material.first + (y.rem_euclid(height) * width + x.rem_euclid(width)) as u32
+    }
+
+    /// The lobes of a texel.
+    pub(crate) fn lobes_of(&self, texel: u32) -> &[PackedLobe] {
+        let texel = &self.texels[texel as usize];
+        &self.lobes[texel.first as usize..(texel.first + texel.count) as usize]
+    }
+}
+
+/// Texture coordinates in texels, within one repeat.
+fn texel_coordinates(material: &PackedMaterial, uv: Vec2) -> (f32, f32) {
+    let repeat = |x: f32, tiling: f32, size: u32| (x * tiling - (x * tiling).floor()) * size as f32;
+    (repeat(uv.x, material.tiling[0], material.width), repeat(uv.y, material.tiling[1], material.height))
+}
+
+/// Multiplies β into C.
+fn pack(lobe: &Lobe, beta: f32) -> PackedLobe {
+    let (sin, cos) = beta.sin_cos();
+    let (cx, cy) = (lobe.c.x, lobe.c.y);
+    PackedLobe {
+        c: [
+            cx * cos * cos + cy * sin * sin,
+            (cx - cy) * cos * sin,
+            cx * sin * sin + cy * cos * cos,
+            lobe.c.z,
+        ],
+        rho_s: lobe.rho_s.to_array(),
+        n: lobe.n,
+    }
+}
+
+/// One lobe for a fixed exitant direction: its peak C'ω_o, and how it is sampled.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Aimed {
+    /// C'ω_o: the base is its dot product with ω_i.
+    pub(crate) peak: Vec3,
+    /// Exponent.
+    pub(crate) n: f32,
+    /// ρ_s, sr⁻¹.
+    pub(crate) rho_s: Rgb,
+    /// The least base that is worth a power.
+    least: f32,
+    /// Probability of this lobe in the mixture.
+    pub(crate) share: f32,
+    /// Density of the mixture a unit of base^n: share · (n + 1) / 2π |peak|^n.
+    density: f32,
+}
+
+/// A texel's BRDF for a fixed exitant direction, ready for many incident ones.
+pub(crate) struct Shader {
+    rho_d: Rgb,
+    pub(crate) lobes: Vec<Aimed>,
+    /// Probability of the cosine-weighted sampling of the diffuse term.
+    pub(crate) diffuse_share: f32,
+}
+
+impl Shader {
+    /// An empty one, to be aimed.
+    pub(crate) fn new() -> Self {
+        Self { rho_d: Rgb::ZERO, lobes: Vec::new(), diffuse_share: 1.0 }
+    }
+
+    /// Takes a texel and an exitant direction (in the sample's frame, above the surface); with `sampling`, prepares
+    /// [`Self::density`].
+    pub(crate) fn aim(&mut self, materials: &Materials, texel: u32, wo: Vec3, sampling: bool) {
+        self.rho_d = Rgb::from_array(materials.texels[texel as usize].rho_d);
+        self.lobes.clear();
+        for lobe in materials.lobes_of(texel) {
+            let [xx, xy, yy, zz] = lobe.c;
+            let peak = Vec3::new(xx * wo.x + xy * wo.y, xy * wo.x + yy * wo.y, zz * wo.z);
+            let least = if lobe.n > 0.0 { math::exp2(NEGLIGIBLE_LOG2 / lobe.n) } else { 0.0 };
+            // The base is at most the peak's length.
+            if peak.length_squared() > least * least {
+                let rho_s = Rgb::from_array(lobe.rho_s);
+                self.lobes.push(Aimed { peak, n: lobe.n, rho_s, least, share: 0.0, density: 0.0 });
+            }
+        }
+        if sampling {
+            self.share();
+        }
+    }
+
+    /// Splits the samples between the diffuse term and the lobes by estimates of their albedos.
+    fn share(&mut self) {
+        let diffuse = colour::luminance(self.rho_d.max(Rgb::ZERO)) * std::f32::consts::PI;
+        let mut total = diffuse;
+        for lobe in &mut self.lobes {
+            let length = lobe.peak.length();
+            let height = math::powf(length, lobe.n);
+            let solid_angle = std::f32::consts::TAU / (lobe.n + 1.0);
+            let cosine = (lobe.peak.z / length).max(0.05);
+            lobe.share = colour::luminance(lobe.rho_s.abs()) * height * solid_angle * cosine;
+            if !lobe.share.is_finite() {
+                lobe.share = 0.0;
+            }
+            lobe.density = 1.0 / (solid_angle * height);
+            total += lobe.share;
+        }
+        // A tenth of the samples at least go over the whole hemisphere, so that no direction is left out.
+        let scale = if total > 0.0 { 0.9 / total } else { 0.0 };
+        self.diffuse_share = 1.0;
+        for lobe in &mut self.lobes {
+            lobe.share *= scale;
+            lobe.density = if lobe.share > 0.0 { lobe.share * lobe.density } else { 0.0 };
+            self.diffuse_share -= lobe.share;
+        }
+    }
+
+    /// Reflectance in sr⁻¹ (4.1) for an incident direction of the sample's frame.
+    pub(crate) fn eval(&self, wi: Vec3) -> Rgb {
+        self.eval_and_density(wi).0
+    }
+
+    /// Reflectance in sr⁻¹ (4.1) and the probability density in sr⁻¹ with which the mixture samples `wi`.
+    pub(crate) fn eval_and_density(&self, wi: Vec3) -> (Rgb, f32) {
+        let mut reflectance = self.rho_d;
+        let mut density = self.diffuse_share * wi.z * std::f32::consts::FRAC_1_PI;
+        for lobe in &self.lobes {
+            let base = lobe.peak.dot(wi);
+            if base > lobe.least {
+                let power = math::powf(base, lobe.n);
+                reflectance += lobe.rho_s * power;
+                density += lobe.density * power;
+            }
+        }
+        (reflectance, density)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::reflectance::{Brdf, materials};
+    use crate::scene::{Material, showcase};
+    use std::sync::Arc;
+
+    fn directions() -> Vec<Vec3> {
+        (0..64)
+            .map(|i| {
+                let (z, azimuth) = (0.05 + 0.94 * (i % 8) as f32 / 7.0, i as f32 * 0.77);
+                let r = (1.0 - z * z).sqrt();
+                Vec3::new(r * azimuth.cos(), r * azimuth.sin(), z)
+            })
+            .collect()
+    }
+
+    #[test]
+    fn packed_materials_evaluate_as_the_brdf_does() {
+        let mut scene = showcase::published(4, 4);
+        scene.objects.truncate(1);
+        let mut shader = Shader::new();
+        for name in materials::NAMES {
+            let mut brdf = materials::published(name).unwrap();
+            brdf.lobes.iter_mut().for_each(|lobe| lobe.c.x *= 0.9);
+            let brdf = brdf.rotated(0.4);
+            scene.objects[0].material = Material::uniform(brdf.clone());
+            let packed = Materials::new(&scene);
+            for wo in directions() {
+                shader.aim(&packed, 0, wo, true);
+                for wi in directions() {
+                    let (expected, got) = (brdf.eval(wi, wo), shader.eval(wi));
+                    let error = (expected - got).abs().max_element();
+                    assert!(error <= 1e-4 * expected.max_element() + 1e-6, "{name} {wi} {wo} {expected} {got}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn neighbours_blend_and_choices_have_their_weights_as_probability() {
+        let brdfs: Vec<_> = (0..6).map(|i| LobeBrdf::diffuse(Rgb::splat(i as f32))).collect();
+        let map = crate::reflectance::SbrdfMap::from_texels(3, 2, &brdfs);
+        let mut scene = showcase::published(4, 4);
+        scene.objects.truncate(1);
+        scene.objects[0].material = Material::map(Arc::new(map), Vec2::new(2.0, 1.0));
+        let packed = Materials::new(&scene);
+        // The centre of texel (1, 0) in the second repeat.
+        let centre = Vec2::new(0.5 + 0.25, 0.25);
+        assert_eq!(packed.nearest(0, centre), 1);
+        let uv = Vec2::new(0.93, 0.95);
+        let weights = packed.neighbours(0, uv);
+        assert!((weights.iter().map(|w| w.1).sum::<f32>() - 1.0).abs() < 1e-6);
+        let mut counts = [0.0; 6];
+        for i in 0..100 {
+            for j in 0..100 {
+                let chosen = packed.choose(0, uv, [(i as f32 + 0.5) / 100.0, (j as f32 + 0.5) / 100.0]);
+                counts[chosen as usize] += 1e-4;
+            }
+        }
+        for (texel, weight) in weights {
+            assert!((counts[texel as usize] - weight).abs() < 0.02, "{texel} {weight} {counts:?}");
+        }
+    }
+}

@@ -1,0 +1,367 @@
+//! Scene files: TOML that names meshes, materials, lights, the environment and the camera. Paths are relative to the file.
+//!
+//! ```toml
+//! exposure = 1.0
+//! background = "environment"            # or "#202428", black when left out
+//!
+//! [camera]
+//! position = [0.0, 1.2, 4.0]
+//! target = [0.0, 0.6, 0.0]
+//! fov_deg = 35.0
+//! width = 640
+//! height = 480
+//!
+//! [environment]
+//! builtin = "studio"                    # or "sky", or file = "lobby.exr"
+//!
+//! [[object]]
+//! mesh = "drape"                        # sphere, plane, backdrop, drape, or a .gltf, .glb, .obj or .ply file
+//! [object.material]
+//! map = "weave.exr"                     # or published = "clay", or albedo, rho_d, beta_deg and lobes
+//! tiling = [4.0, 4.0]
+//!
+//! [[light]]
+//! kind = "directional"
+//! toward = [0.3, 1.0, 0.5]
+//! irradiance = [2.0, 2.0, 2.0]
+//! ```
+
+use std::path::Path;
+use std::sync::Arc;
+
+use glam::{Affine3A, EulerRot, Quat, Vec2, Vec3};
+use serde::Deserialize;
+
+use super::{
+    Background, Camera, Environment, Filter, Light, Material, Mesh, Object, Reflectance, Scene, shapes,
+};
+use crate::error::{Error, Result};
+use crate::reflectance::{Lobe, LobeBrdf, Rgb, SbrdfMap, colour, materials};
+use crate::toml_file;
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct SceneFile {
+    #[serde(default = "one")]
+    exposure: f32,
+    background: Option<String>,
+    camera: CameraFile,
+    environment: Option<EnvironmentFile>,
+    #[serde(default)]
+    object: Vec<ObjectFile>,
+    #[serde(default)]
+    light: Vec<LightFile>,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct CameraFile {
+    position: Vec3,
+    target: Vec3,
+    #[serde(default = "up")]
+    up: Vec3,
+    fov_deg: f32,
+    width: u32,
+    height: u32,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct EnvironmentFile {
+    file: Option<String>,
+    builtin: Option<String>,
+    #[serde(default)]
+    rotation_deg: f32,
+    #[serde(default = "one")]
+    scale: f32,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct ObjectFile {
+    name: Option<String>,
+    mesh: String,
+    #[serde(default)]
+    translate: Vec3,
+    /// Turns about x, then y, then z.
+    #[serde(default)]
+    rotate_deg: Vec3,
+    #[serde(default = "ones")]
+    scale: Vec3,
+    #[serde(default)]
+    material: MaterialFile,
+}
+
+#[derive(Deserialize, Default)]
+#[serde(deny_unknown_fields)]
+struct MaterialFile {
+    map: Option<String>,
+    published: Option<String>,
+    albedo: Option<Rgb>,
+    rho_d: Option<Rgb>,
+    #[serde(default)]
+    beta_deg: f32,
+    #[serde(default)]
+    lobes: Vec<LobeFile>,
+    tiling: Option<Vec2>,
+    filter: Option<Filter>,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct LobeFile {
+    rho_s: Rgb,
+    c: Vec3,
+    n: f32,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct LightFile {
+    kind: String,
+    toward: Option<Vec3>,
+    irradiance: Option<Rgb>,
+    position: Option<Vec3>,
+    intensity: Option<Rgb>,
+}
+
+fn one() -> f32 {
+    1.0
+}
+
+fn ones() -> Vec3 {
+    Vec3::ONE
+}
+
+fn up() -> Vec3 {
+    Vec3::Y
+}
+
+/// Names as a list in a sentence.
+fn either(names: &[&str]) -> String {
+    names.iter().map(|name| format!("\"{name}\"")).collect::<Vec<_>>().join(", ")
+}
+
+impl Scene {
+    /// Reads a scene file and everything that it names.
+    ///
+    /// # Errors
+    /// Input errors that name the file and the line or the key.
+    pub fn read(path: &Path) -> Result<Self> {
+        let file: SceneFile = toml_file::read(path)?;
+        let folder = path.parent().unwrap_or(Path::new(""));
+        build(file, folder).map_err(|error| error.at(path.display()))
+    }
+}
+
+/// Turns the parsed file into a checked scene.
+fn build(file: SceneFile, folder: &Path) -> Result<Scene> {
+    let CameraFile { position, target, up, fov_deg, width, height } = file.camera;
+    let mut objects = Vec::with_capacity(file.object.len());
+    for (index, object) in file.object.iter().enumerate() {
+        let name = object.name.clone().unwrap_or_else(|| format!("{} {index}", object.mesh));
+        let place = format!("object \"{name}\"");
+        let mesh = mesh(&object.mesh, folder).map_err(|error| error.at("key mesh").at(&place))?;
+        let material =
+            material(&object.material, folder).map_err(|error| error.at("key material").at(&place))?;
+        let [x, y, z] = object.rotate_deg.to_array().map(f32::to_radians);
+        let rotation = Quat::from_euler(EulerRot::ZYX, z, y, x);
+        let transform = Affine3A::from_scale_rotation_translation(object.scale, rotation, object.translate);
+        objects.push(Object { name, mesh: Arc::new(mesh), transform, material });
+    }
+    let mut lights = Vec::with_capacity(file.light.len());
+    for (index, entry) in file.light.iter().enumerate() {
+        lights.push(light(entry).map_err(|error| error.at(format!("light {index}")))?);
+    }
+    let environment = file.environment.map(|entry| environment(&entry, folder)).transpose();
+    let scene = Scene {
+        objects,
+        lights,
+        environment: environment.map_err(|error| error.at("environment"))?,
+        background: background(file.background.as_deref())?,
+        camera: Camera { position, target, up, fov: fov_deg.to_radians(), width, height },
+        exposure: file.exposure,
+    };
+    scene.check()?;
+    Ok(scene)
+}
+
+/// A procedural shape by name, or a file.
+fn mesh(name: &str, folder: &Path) -> Result<Mesh> {
+    match name {
+        "sphere" => Ok(shapes::sphere(192, 96)),
+        "plane" => Ok(shapes::plane(16)),
+        "backdrop" => Ok(shapes::backdrop(64)),
+        "drape" => Ok(shapes::drape(288)),
+        file if Path::new(file).extension().is_some() => Mesh::read(&folder.join(file)),
+        other => Err(Error::input(format!(
+            "there is no shape \"{other}\"; use one of {} or a .gltf, .glb, .obj or .ply file",
+            either(&["sphere", "plane", "backdrop", "drape"])
+        ))),
+    }
+}
+
+/// The material of exactly one kind.
+fn material(entry: &MaterialFile, folder: &Path) -> Result<Material> {
+    let inline = entry.albedo.is_some() || entry.rho_d.is_some() || !entry.lobes.is_empty();
+    let kinds =
+        usize::from(entry.map.is_some()) + usize::from(entry.published.is_some()) + usize::from(inline);
+    if kinds != 1 || (entry.albedo.is_some() && entry.rho_d.is_some()) {
+        return Err(Error::input(
+            "name exactly one of map, published, or coefficients (albedo or rho_d, beta_deg, lobes)",
+        ));
+    }
+    let reflectance = if let Some(file) = &entry.map {
+        let path = folder.join(file);
+        let map = SbrdfMap::read_exr(&path).map_err(|error| Error::reading(&path, error).at("key map"))?;
+        Reflectance::Map(Arc::new(map))
+    } else if let Some(name) = &entry.published {
+        Reflectance::Uniform(materials::published(name).ok_or_else(|| {
+            Error::input(format!(
+                "key published: there is no material \"{name}\"; use one of {}",
+                either(&materials::NAMES)
+            ))
+        })?)
+    } else {
+        let mut brdf = LobeBrdf::diffuse(entry.albedo.unwrap_or(Rgb::ZERO));
+        brdf.rho_d = entry.rho_d.unwrap_or(brdf.rho_d);
+        brdf.lobes =
+            entry.lobes.iter().map(|lobe| Lobe { rho_s: lobe.rho_s, c: lobe.c, n: lobe.n }).collect();
+        Reflectance::Uniform(brdf)
+    };
+    let reflectance = match reflectance {
+        Reflectance::Uniform(brdf) => Reflectance::Uniform(brdf.rotated(entry.beta_deg.to_radians())),
+        Reflectance::Map(_) if entry.beta_deg != 0.0 => {
+            return Err(Error::input("key beta_deg: a map has its own direction of anisotropy"));
+        }
+        map => map,
+    };
+    Ok(Material {
+        reflectance,
+        tiling: entry.tiling.unwrap_or(Vec2::ONE),
+        filter: entry.filter.unwrap_or_default(),
+    })
+}
+
+/// A light of a known kind with the keys of that kind and no others.
+fn light(entry: &LightFile) -> Result<Light> {
+    let wrong = |needs: &str| Error::input(format!("a {} light has the keys {needs}, no others", entry.kind));
+    match (entry.kind.as_str(), entry.toward, entry.irradiance, entry.position, entry.intensity) {
+        ("directional", Some(toward), Some(irradiance), None, None) => {
+            let toward = toward
+                .try_normalize()
+                .ok_or_else(|| Error::input("key toward: the direction has no length"))?;
+            Ok(Light::Directional { toward, irradiance })
+        }
+        ("point", None, None, Some(position), Some(intensity)) => Ok(Light::Point { position, intensity }),
+        ("directional", ..) => Err(wrong("toward and irradiance")),
+        ("point", ..) => Err(wrong("position and intensity")),
+        (other, ..) => Err(Error::input(format!(
+            "key kind: there is no light \"{other}\"; use one of {}",
+            either(&["directional", "point"])
+        ))),
+    }
+}
+
+/// A computed environment or a file.
+fn environment(entry: &EnvironmentFile, folder: &Path) -> Result<Environment> {
+    let environment = match (&entry.file, entry.builtin.as_deref()) {
+        (Some(file), None) => Environment::read(&folder.join(file)).map_err(|error| error.at("key file"))?,
+        (None, Some("studio")) => Environment::studio(),
+        (None, Some("sky")) => Environment::sky(),
+        (None, Some(other)) => {
+            return Err(Error::input(format!(
+                "key builtin: there is no environment \"{other}\"; use one of {}",
+                either(&["studio", "sky"])
+            )));
+        }
+        _ => return Err(Error::input("name exactly one of file and builtin")),
+    };
+    if !(entry.scale.is_finite() && entry.scale >= 0.0 && entry.rotation_deg.is_finite()) {
+        return Err(Error::input("scale and rotation_deg must be finite, scale not negative"));
+    }
+    let mut scaled = environment.rotated(entry.rotation_deg.to_radians());
+    if entry.scale != 1.0 {
+        scaled.pixels = scaled.pixels.iter().map(|&pixel| pixel * entry.scale).collect();
+    }
+    Ok(scaled)
+}
+
+/// `"environment"` or a colour `"#rrggbb"` in sRGB.
+fn background(text: Option<&str>) -> Result<Background> {
+    let Some(text) = text else { return Ok(Background::Colour(Rgb::ZERO)) };
+    if text == "environment" {
+        return Ok(Background::Environment);
+    }
+    let number = text.strip_prefix('#').filter(|hex| hex.len() == 6 && hex.is_ascii());
+    let number = number.and_then(|hex| u32::from_str_radix(hex, 16).ok()).ok_or_else(|| {
+        Error::input(format!("key background: \"{text}\" is neither \"environment\" nor a colour \"#rrggbb\""))
+    })?;
+    let channel = |shift: u32| colour::srgb_decode((number >> shift & 0xff) as f32 / 255.0);
+    Ok(Background::Colour(Rgb::new(channel(16), channel(8), channel(0))))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const CAMERA: &str =
+        "[camera]\nposition = [0, 0, 4]\ntarget = [0, 0, 0]\nfov_deg = 40\nwidth = 8\nheight = 6\n";
+
+    fn read(text: &str) -> Result<Scene> {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("scene.toml");
+        std::fs::write(&path, text).unwrap();
+        Scene::read(&path)
+    }
+
+    #[test]
+    fn a_scene_of_every_kind_of_entry_is_read() {
+        let scene = read(&format!(
+            "background = \"#ffffff\"\nexposure = 2\n{CAMERA}\
+            [environment]\nbuiltin = \"studio\"\nrotation_deg = 90\n\
+            [[object]]\nmesh = \"sphere\"\ntranslate = [1, 0, 0]\nscale = [2, 2, 2]\nmaterial.published = \"clay\"\n\
+            [[object]]\nmesh = \"plane\"\n[object.material]\nalbedo = [0.5, 0.5, 0.5]\n\
+            lobes = [{{ rho_s = [0.1, 0.1, 0.1], c = [-1, -1, 1], n = 20 }}]\n\
+            [[light]]\nkind = \"directional\"\ntoward = [0, 2, 0]\nirradiance = [1, 1, 1]\n\
+            [[light]]\nkind = \"point\"\nposition = [0, 2, 0]\nintensity = [1, 1, 1]\n"
+        ))
+        .unwrap();
+        assert_eq!((scene.objects.len(), scene.lights.len()), (2, 2));
+        assert_eq!(scene.background, Background::Colour(Rgb::ONE));
+        assert_eq!(scene.lights[0], Light::Directional { toward: Vec3::Y, irradiance: Rgb::ONE });
+        assert_eq!(scene.objects[0].transform.transform_point3(Vec3::X), Vec3::new(3.0, 0.0, 0.0));
+    }
+
+    #[test]
+    fn wrong_entries_are_refused_with_file_and_key() {
+        for (text, words) in [
+            ("[[object]]\nmesh = \"cube\"\nmaterial.albedo = [1, 1, 1]\n", vec!["key mesh", "cube", "drape"]),
+            ("[[object]]\nmesh = \"a.obj\"\nmaterial.albedo = [1, 1, 1]\n", vec!["key mesh", "a.obj"]),
+            ("[[object]]\nmesh = \"plane\"\n", vec!["plane 0", "key material", "exactly one"]),
+            ("[[object]]\nmesh = \"plane\"\nmaterial.map = \"no.exr\"\n", vec!["key map", "no.exr"]),
+            ("[[object]]\nmesh = \"plane\"\nmaterial.published = \"silk\"\n", vec!["silk", "brushed-metal"]),
+            ("[[light]]\nkind = \"spot\"\n", vec!["light 0", "spot", "directional"]),
+            ("[[light]]\nkind = \"point\"\ntoward = [0, 1, 0]\n", vec!["light 0", "position and intensity"]),
+            ("[environment]\nbuiltin = \"cave\"\n", vec!["environment", "cave", "sky"]),
+            ("[environment]\nrotation = 3\n", vec!["line 8", "unknown key `rotation`", "`rotation_deg`"]),
+            (
+                "[[object]]\nmesh = \"plane\"\nmaterial.lobes = [{ rho_s = [1, 1, 1], c = [-1, -1, 1], n = -2 }]\n",
+                vec!["plane 0", "n = -2"],
+            ),
+        ] {
+            let error = read(&format!("{CAMERA}{text}")).unwrap_err();
+            let message = error.to_string();
+            assert_eq!(error.exit_code(), 2, "{message}");
+            for word in words.iter().chain(&["scene.toml"]) {
+                assert!(message.contains(word), "\"{word}\" is not in: {message}");
+            }
+        }
+    }
+
+    #[test]
+    fn a_camera_that_looks_along_its_up_is_refused() {
+        let text = CAMERA.replace("[0, 0, 4]", "[0, 4, 0]");
+        assert!(read(&text).unwrap_err().to_string().contains("one line"));
+    }
+}

@@ -1,0 +1,238 @@
+//! Scenes: meshes that wear SBRDF materials, lights, an environment and a camera, built in memory or read from TOML.
+//!
+//! World axes are right-handed with +y up, as in glTF. Lengths are in any one unit; lights and meshes share it.
+
+pub mod environment;
+mod environment_file;
+pub mod file;
+mod frame;
+mod import;
+pub mod mesh;
+pub mod shapes;
+pub mod showcase;
+
+use std::sync::Arc;
+
+use glam::{Affine3A, Vec2, Vec3};
+
+pub use environment::Environment;
+pub use mesh::{Mesh, Vertex};
+
+use crate::error::{Error, Result};
+use crate::reflectance::{LobeBrdf, Rgb, SbrdfMap};
+
+/// Everything that a renderer needs to make a picture.
+#[derive(Debug, Clone)]
+pub struct Scene {
+    /// Meshes with their places and materials.
+    pub objects: Vec<Object>,
+    /// Point and directional lights.
+    pub lights: Vec<Light>,
+    /// Distant radiance from every direction.
+    pub environment: Option<Environment>,
+    /// What is seen where no object is.
+    pub background: Background,
+    /// The view.
+    pub camera: Camera,
+    /// Factor on radiance before a picture is tone-mapped; linear outputs ignore it.
+    pub exposure: f32,
+}
+
+/// One mesh in the world.
+#[derive(Debug, Clone)]
+pub struct Object {
+    /// The name in error messages.
+    pub name: String,
+    /// Geometry in its own frame.
+    pub mesh: Arc<Mesh>,
+    /// From the mesh's frame to the world.
+    pub transform: Affine3A,
+    /// Reflectance.
+    pub material: Material,
+}
+
+/// What a surface reflects.
+#[derive(Debug, Clone)]
+pub struct Material {
+    /// Reflectance over the texture.
+    pub reflectance: Reflectance,
+    /// Repeats of the texture along u and v over texture coordinates 0..1.
+    pub tiling: Vec2,
+    /// How texels are combined.
+    pub filter: Filter,
+}
+
+/// Where a material's reflectance comes from.
+#[derive(Debug, Clone)]
+pub enum Reflectance {
+    /// The same everywhere.
+    Uniform(LobeBrdf),
+    /// A texel map: u = x to the right, v downwards, row 0 at v = 0; it repeats.
+    Map(Arc<SbrdfMap>),
+}
+
+/// How a texture lookup treats the texels around a point.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Filter {
+    /// The texel that the point lies in.
+    Nearest,
+    /// The four nearest texels' *evaluated reflectance*, blended: parameters do not interpolate linearly (chapter 5).
+    #[default]
+    Bilinear,
+}
+
+/// A light without extent.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Light {
+    /// A light infinitely far away.
+    Directional {
+        /// Unit vector toward the light.
+        toward: Vec3,
+        /// Irradiance on a surface that faces the light.
+        irradiance: Rgb,
+    },
+    /// A light at a point, the same in all directions.
+    Point {
+        /// Where it is.
+        position: Vec3,
+        /// Radiant intensity: irradiance times the square of the distance in scene units.
+        intensity: Rgb,
+    },
+}
+
+/// What is seen where no object is; alpha is 0 there in any case.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Background {
+    /// The environment, black without one.
+    Environment,
+    /// One radiance everywhere.
+    Colour(Rgb),
+}
+
+/// A pinhole camera.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Camera {
+    /// Centre of projection.
+    pub position: Vec3,
+    /// The point in the middle of the picture.
+    pub target: Vec3,
+    /// A direction that is up in the picture.
+    pub up: Vec3,
+    /// Vertical field of view, radians.
+    pub fov: f32,
+    /// Pixels a row.
+    pub width: u32,
+    /// Rows.
+    pub height: u32,
+}
+
+impl Camera {
+    /// Unit vectors to the right, up and forward.
+    pub fn basis(&self) -> [Vec3; 3] {
+        let forward = (self.target - self.position).normalize();
+        let right = forward.cross(self.up).normalize();
+        [right, right.cross(forward), forward]
+    }
+}
+
+impl Material {
+    /// The same BRDF everywhere.
+    pub fn uniform(brdf: LobeBrdf) -> Self {
+        Self { reflectance: Reflectance::Uniform(brdf), tiling: Vec2::ONE, filter: Filter::Nearest }
+    }
+
+    /// A map, repeated `tiling` times along u and v, bilinear.
+    pub fn map(map: Arc<SbrdfMap>, tiling: Vec2) -> Self {
+        Self { reflectance: Reflectance::Map(map), tiling, filter: Filter::Bilinear }
+    }
+
+    /// Refuses coefficients that no renderer can evaluate.
+    fn check(&self) -> Result<()> {
+        let number = |texel: usize, what: &str| Error::input(format!("material, texel {texel}: {what}"));
+        let check_lobe = |texel: usize, rho_s: Rgb, c: Vec3, n: f32| {
+            if !rho_s.is_finite() || !c.is_finite() || !n.is_finite() {
+                return Err(number(texel, "a lobe coefficient is not finite"));
+            }
+            if n < 0.0 {
+                return Err(number(texel, &format!("exponent n = {n} is negative; use n ≥ 0")));
+            }
+            Ok(())
+        };
+        match &self.reflectance {
+            Reflectance::Uniform(brdf) => {
+                if !brdf.rho_d.is_finite() || !brdf.beta.is_finite() {
+                    return Err(number(0, "a coefficient is not finite"));
+                }
+                brdf.lobes.iter().try_for_each(|lobe| check_lobe(0, lobe.rho_s, lobe.c, lobe.n))
+            }
+            Reflectance::Map(map) => {
+                if map.width == 0 || map.height == 0 {
+                    return Err(Error::input("material: the SBRDF map has no texels"));
+                }
+                for texel in 0..map.width * map.height {
+                    if !map.rho_d[texel].is_finite() || !map.beta[texel].is_finite() {
+                        return Err(number(texel, "a coefficient is not finite"));
+                    }
+                    for plane in &map.lobes {
+                        check_lobe(texel, plane.rho_s[texel], plane.c[texel], plane.n[texel])?;
+                    }
+                }
+                Ok(())
+            }
+        }
+    }
+}
+
+impl Scene {
+    /// Refuses what no renderer can make a picture of: an empty picture, a camera without direction, bad numbers.
+    ///
+    /// # Errors
+    /// Input errors that name the object, the light or the camera's key.
+    pub fn check(&self) -> Result<()> {
+        let Camera { position, target, up, fov, width, height } = self.camera;
+        if width == 0 || height == 0 || width > 16384 || height > 16384 {
+            return Err(Error::input(format!(
+                "camera: width and height are {width} × {height}; use 1 to 16384"
+            )));
+        }
+        let finite = position.is_finite() && target.is_finite() && up.is_finite();
+        if !finite || !((target - position).cross(up).length() > 0.0) {
+            return Err(Error::input("camera: position, target and up must be finite and not lie on one line"));
+        }
+        if !(fov > 0.0 && fov < std::f32::consts::PI) {
+            return Err(Error::input(format!(
+                "camera: fov_deg is {}; use more than 0 and less than 180",
+                fov.to_degrees()
+            )));
+        }
+        if !(self.exposure.is_finite() && self.exposure > 0.0) {
+            return Err(Error::input(format!("exposure is {}; use a positive number", self.exposure)));
+        }
+        for object in &self.objects {
+            let place = format!("object \"{}\"", object.name);
+            if !object.transform.is_finite() || object.transform.matrix3.determinant() == 0.0 {
+                return Err(Error::input("the transform is singular or not finite").at(place));
+            }
+            if !object.material.tiling.is_finite() {
+                return Err(Error::input("material: tiling is not finite").at(place));
+            }
+            object.material.check().map_err(|error| error.at(&place))?;
+        }
+        for (index, light) in self.lights.iter().enumerate() {
+            let (direction, power) = match light {
+                Light::Directional { toward, irradiance } => (*toward, *irradiance),
+                Light::Point { position, intensity } => (position + Vec3::X, *intensity),
+            };
+            if !direction.is_finite() || !power.is_finite() || power.min_element() < 0.0 {
+                return Err(Error::input(format!(
+                    "light {index}: numbers must be finite, its colour not negative"
+                )));
+            }
+            if matches!(light, Light::Directional { toward, .. } if (toward.length() - 1.0).abs() > 1e-3) {
+                return Err(Error::input(format!("light {index}: toward must be a unit vector")));
+            }
+        }
+        Ok(())
+    }
+}
