@@ -5,6 +5,9 @@
 //! `rig` ← `plan` ← `acquire` ← `develop` ← `fit` ← `render` ← `cli`.
 
 pub mod acquire;
+pub mod cli;
+#[cfg(feature = "sim")]
+pub mod demo;
 pub mod develop;
 pub mod error;
 pub mod files;
@@ -13,6 +16,7 @@ pub mod linalg;
 pub mod plan;
 pub mod progress;
 pub mod render;
+pub mod report;
 pub mod rig;
 pub mod sampled;
 pub mod scene;

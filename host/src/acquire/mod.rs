@@ -14,6 +14,8 @@ use crate::{files, progress, toml_file};
 
 pub mod journal;
 #[cfg(feature = "sim")]
+pub mod recipe;
+#[cfg(feature = "sim")]
 pub mod simulated;
 pub mod station;
 

@@ -93,12 +93,6 @@ impl InterpolatedBrdf {
         Ok(Self { planes })
     }
 
-    /// One channel (0 red, 1 green, 2 blue) of [`Brdf::eval`], for cameras behind a colour filter.
-    pub fn eval_channel(&self, wi: Vec3, wo: Vec3, channel: usize) -> f32 {
-        let Some(cell) = Cell::of(wi, wo) else { return 0.0 };
-        cell.blend(&self.planes[channel])
-    }
-
     /// RMS over the table's own rows of ln(1e-3 + f̂) − ln(1e-3 + f), all three channels together: what the grid's
     /// smoothing and resolution cost.
     ///
@@ -121,6 +115,11 @@ impl Brdf for InterpolatedBrdf {
     fn eval(&self, wi: Vec3, wo: Vec3) -> Rgb {
         let Some(cell) = Cell::of(wi, wo) else { return Rgb::ZERO };
         Rgb::from_array(std::array::from_fn(|channel| cell.blend(&self.planes[channel])))
+    }
+
+    fn eval_channel(&self, wi: Vec3, wo: Vec3, channel: usize) -> f32 {
+        let Some(cell) = Cell::of(wi, wo) else { return 0.0 };
+        cell.blend(&self.planes[channel])
     }
 }
 

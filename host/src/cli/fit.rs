@@ -1,0 +1,7 @@
+//! Stub.
+use clap::Args;
+use super::Context;
+use crate::error::Result;
+#[derive(Debug, Args)]
+pub(super) struct FitArgs {}
+pub(super) fn run(_: &FitArgs, _: &mut Context) -> Result<()> { Ok(()) }
