@@ -147,3 +147,28 @@ proptest! {
         prop_assert_eq!(bad.2.map(|truth| truth.sequence), clean.2.map(|truth| truth.sequence));
     }
 }
+
+#[test]
+fn rig_served_on_tcp_homes_and_moves() {
+    let listener = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
+    let name = format!("tcp://{}", listener.local_addr().unwrap());
+    let config = MechanicsConfig::ideal();
+    let rig = SimulatedRig::new(&config);
+    std::thread::spawn(move || lobelia_hil_sim::serve_tcp(&listener, &rig, 1000.0));
+    let mut client = RigClient::connect(crate::rig::open_port(&name).unwrap()).unwrap();
+    client.configure(&config.configuration()).unwrap();
+    client.home().unwrap();
+    assert_eq!(client.move_to([100, -100, 0, 20_000]).unwrap(), [100, -100, 0, 20_000]);
+}
+
+#[test]
+fn simulated_axis_in_a_file_keeps_its_own_defaults() {
+    let config: MechanicsConfig = toml::from_str("[light]\nrepeatability_deg = 0.0\n").unwrap();
+    let mut expected = MechanicsConfig::default();
+    expected.light.repeatability_deg = 0.0;
+    assert_eq!(config, expected);
+    assert!(toml::from_str::<MechanicsConfig>("[pan]\nrepeatabillity_deg = 0.0\n").is_err());
+    assert!(toml::from_str::<MechanicsConfig>("[pan]\ndegrees_per_step = 0.0\n").is_err());
+    let written = toml::to_string(&expected).unwrap();
+    assert_eq!(toml::from_str::<MechanicsConfig>(&written).unwrap(), expected);
+}
