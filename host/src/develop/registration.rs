@@ -109,8 +109,9 @@ fn fit(config: &RigConfig, seen: &[Detection]) -> Result<Homography, String> {
         let off = |detection: &Detection| {
             let tag = known_tag(config, detection.id).map(|tag| tag_corners(config, tag));
             let pairs = tag.into_iter().flatten().zip(detection.corners);
-            let distance =
-                |(plane, seen): (DVec2, DVec2)| (camera::to_pixel(&config.camera, homography.apply(plane)) - seen).length();
+            let distance = |(plane, seen): (DVec2, DVec2)| {
+                (camera::to_pixel(&config.camera, homography.apply(plane)) - seen).length()
+            };
             pairs.map(distance).fold(0.0, f64::max)
         };
         // The worst first: one false tag pulls the others off too.

@@ -198,7 +198,9 @@ impl Scene {
         }
         let finite = position.is_finite() && target.is_finite() && up.is_finite();
         if !finite || !((target - position).cross(up).length() > 0.0) {
-            return Err(Error::input("camera: position, target and up must be finite and not lie on one line"));
+            return Err(Error::input(
+                "camera: position, target and up must be finite and not lie on one line",
+            ));
         }
         if !(fov > 0.0 && fov < std::f32::consts::PI) {
             return Err(Error::input(format!(

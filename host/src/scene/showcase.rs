@@ -27,12 +27,7 @@ pub fn showcase(cloth: Material, ball: Material, width: u32, height: u32) -> Sce
         objects: vec![
             object("cloth", shapes::drape(288), place(1.0, Vec3::new(-0.28, 0.0, 0.0), 0.5), cloth),
             object("ball", shapes::sphere(192, 96), place(0.36, Vec3::new(0.98, 0.36, 0.72), 0.4), ball),
-            object(
-                "backdrop",
-                shapes::backdrop(96),
-                place(6.0, Vec3::new(0.0, 0.0, 2.6), 0.0),
-                backdrop,
-            ),
+            object("backdrop", shapes::backdrop(96), place(6.0, Vec3::new(0.0, 0.0, 2.6), 0.0), backdrop),
         ],
         lights: vec![
             Light::Directional {
@@ -72,11 +67,7 @@ pub fn weave(warp: &LobeBrdf, weft: &LobeBrdf, thread: usize) -> SbrdfMap {
 /// The same BRDF with its reflectance scaled.
 fn dimmed(brdf: &LobeBrdf, factor: f32) -> LobeBrdf {
     let scale = |lobe: &Lobe| Lobe { rho_s: lobe.rho_s * factor, ..*lobe };
-    LobeBrdf {
-        rho_d: brdf.rho_d * factor,
-        beta: brdf.beta,
-        lobes: brdf.lobes.iter().map(scale).collect(),
-    }
+    LobeBrdf { rho_d: brdf.rho_d * factor, beta: brdf.beta, lobes: brdf.lobes.iter().map(scale).collect() }
 }
 
 /// A check of two BRDFs, `cells` × `cells` over the map.

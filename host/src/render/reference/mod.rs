@@ -147,8 +147,7 @@ impl Tracer<'_> {
             !self.geometry.occluded(surface, seen.toward, seen.distance)
         });
         if let Some(environment) = &self.environment {
-            let arriving =
-                environment.sample(self.sequence.point(pixel, index, purpose::ENVIRONMENT));
+            let arriving = environment.sample(self.sequence.point(pixel, index, purpose::ENVIRONMENT));
             radiance += self.weighted(surface, shader, &arriving, rays);
             let [choice, _] = self.sequence.point(pixel, index, purpose::CHOICE);
             let local = sample_lobes(shader, choice, self.sequence.point(pixel, index, purpose::LOBE));
