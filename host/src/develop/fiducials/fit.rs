@@ -8,9 +8,9 @@
 use glam::DVec2;
 
 use super::homography::{Homography, Sensitivity, area, is_convex, module_width};
-use super::least_squares::Normal;
 use super::pattern::Pattern;
 use super::{Detection, Fit, GrayImage, read};
+use crate::linalg::Normal;
 
 /// Corner coordinates, three of black, three of white, the blur's variance.
 const UNKNOWNS: usize = 15;
