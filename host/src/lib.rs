@@ -5,6 +5,7 @@
 //! `rig` ← `plan` ← `acquire` ← `develop` ← `fit` ← `render` ← `cli`.
 
 pub mod acquire;
+pub mod cli;
 pub mod develop;
 pub mod error;
 pub mod files;

@@ -1,0 +1,2 @@
+//! One file a subcommand, thin.
+pub mod fit;
