@@ -144,7 +144,8 @@ impl Tracer<'_> {
         shader.aim(&self.materials, texel, surface.to_local(view), self.environment.is_some());
         let mut radiance = shading::reflect_lights(&self.scene.lights, surface, shader, |seen| {
             *rays += 1;
-            !self.geometry.occluded(surface, seen.toward, seen.distance)
+            surface.geometric.dot(seen.toward) > 0.0
+                && !self.geometry.occluded(surface, seen.toward, seen.distance)
         });
         if let Some(environment) = &self.environment {
             let arriving = environment.sample(self.sequence.point(pixel, index, purpose::ENVIRONMENT));
