@@ -4,10 +4,20 @@
 //! The `lobelia` command is a thin layer over these modules; arrows run one way:
 //! `rig` ← `plan` ← `acquire` ← `develop` ← `fit` ← `render` ← `cli`.
 
+pub mod acquire;
+pub mod cli;
+#[cfg(feature = "sim")]
+pub mod demo;
+pub mod develop;
 pub mod error;
 pub mod files;
+pub mod fit;
+pub mod linalg;
+pub mod plan;
 pub mod progress;
 pub mod render;
+pub mod report;
+pub mod rig;
 pub mod sampled;
 pub mod scene;
 pub mod toml_file;

@@ -1,2 +1,5 @@
-//! Lobelia.
-fn main() {}
+//! The `lobelia` command; see `lobelia help`.
+
+fn main() -> std::process::ExitCode {
+    lobelia::cli::main()
+}

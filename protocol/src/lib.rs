@@ -1,2 +1,26 @@
-//! Messages and frames.
+//! Messages and frames between the host and the rig's controller: what goes over the wire, and nothing else.
+//!
+//! A message is written with postcard, followed by its CRC-32, wrapped by COBS and set between zero bytes ([`frame`]).
+//! A session starts with a [`hello`], whose layout never changes, so that two programs of different versions can
+//! name both; nothing else is understood before the schemas are known to be equal. All set points are absolute and
+//! each request bears an id, so a repeated request does no harm ([`message`]).
 #![no_std]
+
+pub mod fault;
+pub mod frame;
+pub mod hello;
+pub mod message;
+pub mod packet;
+pub mod schema;
+
+pub use fault::{Fault, FaultReport, Faults};
+pub use frame::{EncodedFrame, FrameDecoder, FrameError};
+pub use hello::{Hello, HelloReply, Verdict};
+pub use message::{
+    Answer, Axis, AxisParameters, Command, Configuration, Event, Exposure, Field, HomeDirection, LampStatus,
+    Outcome, Refusal, Request, Response, Status,
+};
+pub use packet::{CodecError, ToController, ToHost};
+
+/// Number of axes; their order everywhere is pan, tilt, roll, light.
+pub const AXES: usize = 4;

@@ -9,9 +9,11 @@ pub mod lobe;
 pub mod map;
 mod map_exr;
 pub mod materials;
+pub mod table;
 
 pub use lobe::{Lobe, LobeBrdf};
 pub use map::{LobePlane, SbrdfMap};
+pub use table::{InterpolatedBrdf, MeasuredTable};
 
 /// Linear scene-referred Rec. 709 colour, or a reflectance in sr⁻¹ a channel.
 pub type Rgb = glam::Vec3;
@@ -20,6 +22,11 @@ pub type Rgb = glam::Vec3;
 pub trait Brdf: Send + Sync {
     /// f_r(wi → wo), sr⁻¹ (2.4). Zero when either direction is below the surface.
     fn eval(&self, wi: glam::Vec3, wo: glam::Vec3) -> Rgb;
+
+    /// One channel (0 red, 1 green, 2 blue) of [`Self::eval`], for cameras behind a colour filter.
+    fn eval_channel(&self, wi: glam::Vec3, wo: glam::Vec3, channel: usize) -> f32 {
+        self.eval(wi, wo)[channel]
+    }
 }
 
 /// What can be wrong with a file of this crate's formats.

@@ -70,16 +70,6 @@ impl LobeBrdf {
         Self { rho_d: albedo / std::f32::consts::PI, ..Self::default() }
     }
 
-    /// One channel (0 red, 1 green, 2 blue) of [`Brdf::eval`], for cameras behind a colour filter.
-    pub fn eval_channel(&self, wi: Vec3, wo: Vec3, channel: usize) -> f32 {
-        if wi.z <= 0.0 || wo.z <= 0.0 {
-            return 0.0;
-        }
-        let (wi, wo) = (into_lobe_frame(wi, self.beta), into_lobe_frame(wo, self.beta));
-        let lit = self.lobes.iter().filter(|lobe| lobe.rho_s[channel] != 0.0);
-        self.rho_d[channel] + lit.map(|lobe| lobe.rho_s[channel] * lobe.shape(wi, wo)).sum::<f32>()
-    }
-
     /// The same BRDF on a surface that is turned about its normal by `angle` radians, with β kept in −π/4..π/4.
     pub fn rotated(&self, angle: f32) -> Self {
         let quarter = std::f32::consts::FRAC_PI_2;
@@ -102,6 +92,15 @@ impl Brdf for LobeBrdf {
         }
         let (wi, wo) = (into_lobe_frame(wi, self.beta), into_lobe_frame(wo, self.beta));
         self.rho_d + self.lobes.iter().map(|lobe| lobe.rho_s * lobe.shape(wi, wo)).sum::<Rgb>()
+    }
+
+    fn eval_channel(&self, wi: Vec3, wo: Vec3, channel: usize) -> f32 {
+        if wi.z <= 0.0 || wo.z <= 0.0 {
+            return 0.0;
+        }
+        let (wi, wo) = (into_lobe_frame(wi, self.beta), into_lobe_frame(wo, self.beta));
+        let lit = self.lobes.iter().filter(|lobe| lobe.rho_s[channel] != 0.0);
+        self.rho_d[channel] + lit.map(|lobe| lobe.rho_s[channel] * lobe.shape(wi, wo)).sum::<f32>()
     }
 }
 

@@ -3,59 +3,84 @@
 use std::path::PathBuf;
 use std::time::Instant;
 
+use super::Context;
 use crate::error::{Error, Result};
 use crate::render::{self, Method, reference};
+use crate::report::Stage;
 use crate::scene::Scene;
 
 /// Render a scene of SBRDF materials.
 #[derive(Debug, clap::Args)]
-pub struct RenderArgs {
+pub(super) struct RenderArgs {
     /// The scene (TOML).
-    pub scene: PathBuf,
+    pub(super) scene: PathBuf,
     /// Where the picture goes: .exr is linear, .png is tone-mapped. May be given more than once.
     #[arg(short, long = "output", required = true)]
-    pub output: Vec<PathBuf>,
+    pub(super) output: Vec<PathBuf>,
     /// How to render.
     #[arg(long, value_enum, default_value_t = Method::Auto)]
-    pub method: Method,
+    pub(super) method: Method,
     /// Samples a pixel of the reference.
     #[arg(long, default_value_t = 64, value_parser = clap::value_parser!(u32).range(1..=1_048_576))]
-    pub samples: u32,
+    pub(super) samples: u32,
     /// Pixels a row, instead of the scene's.
     #[arg(long)]
-    pub width: Option<u32>,
+    pub(super) width: Option<u32>,
     /// Rows, instead of the scene's.
     #[arg(long)]
-    pub height: Option<u32>,
-    /// Seed of the reference's samples.
-    #[arg(long, default_value_t = 0)]
-    pub seed: u64,
+    pub(super) height: Option<u32>,
 }
 
 /// What was done, for the report.
 #[derive(Debug)]
-pub struct RenderOutcome {
+pub(super) struct RenderOutcome {
     /// Seconds a stage: `load`, `prepare`, `render`, `write`.
-    pub stages: Vec<(&'static str, f64)>,
+    pub(super) stages: Vec<(&'static str, f64)>,
     /// The method that made the picture; never [`Method::Auto`].
-    pub method: Method,
+    pub(super) method: Method,
     /// The GPU that drew it; `None` for the CPU.
-    pub adapter: Option<String>,
+    pub(super) adapter: Option<String>,
     /// Why `auto` did not use the GPU.
-    pub note: Option<String>,
+    pub(super) note: Option<String>,
     /// Size of the picture in pixels.
-    pub size: (usize, usize),
+    pub(super) size: (usize, usize),
     /// Rays cast by the reference.
-    pub rays: u64,
+    pub(super) rays: u64,
     /// The files written.
-    pub written: Vec<PathBuf>,
+    pub(super) written: Vec<PathBuf>,
+}
+
+/// Runs `lobelia render`.
+pub(super) fn run(args: &RenderArgs, context: &mut Context) -> Result<()> {
+    context.report.input(&args.scene);
+    let outcome = render_scene(args, context.seed)?;
+    if let Some(note) = &outcome.note {
+        context.note(format!("rendered on the CPU: {note}"));
+    }
+    let stages = outcome.stages.iter().map(|&(name, seconds)| Stage { name: name.into(), seconds });
+    context.report.stages.extend(stages);
+    context.report.machine.gpu = outcome.adapter.clone();
+    context.report.figure("pixels", vec![outcome.size.0, outcome.size.1]);
+    context.report.figure("rays", outcome.rays);
+    context.report.figure("method", format!("{:?}", outcome.method).to_lowercase());
+    let by = outcome.adapter.as_deref().unwrap_or("the CPU");
+    let seconds: f64 = outcome.stages.iter().map(|(_, seconds)| seconds).sum();
+    for path in &outcome.written {
+        println!(
+            "{}: {} × {} pixels by {by}, {seconds:.1} s",
+            path.display(),
+            outcome.size.0,
+            outcome.size.1
+        );
+    }
+    Ok(())
 }
 
 /// Reads the scene, renders it, writes every picture.
 ///
 /// # Errors
 /// Input errors for the scene and for names of pictures; failures of the GPU (unless `--method auto`) and of the disk.
-pub fn run(args: &RenderArgs) -> Result<RenderOutcome> {
+fn render_scene(args: &RenderArgs, seed: u64) -> Result<RenderOutcome> {
     for path in &args.output {
         if render::picture_kind(path).is_none() {
             return Err(Error::input(format!("{}: a picture's name ends in .exr or .png", path.display())));
@@ -67,7 +92,7 @@ pub fn run(args: &RenderArgs) -> Result<RenderOutcome> {
     scene.camera.height = args.height.unwrap_or(scene.camera.height);
     let loaded = start.elapsed().as_secs_f64();
 
-    let settings = reference::Settings { samples: args.samples, seed: args.seed };
+    let settings = reference::Settings { samples: args.samples, seed };
     let chosen = render::render(&scene, args.method, &settings)?;
     let writing = Instant::now();
     let rendering = chosen.rendering;
@@ -108,14 +133,13 @@ mod tests {
             samples: 4,
             width: Some(32),
             height: None,
-            seed: 1,
         }
     }
 
     #[test]
     fn both_kinds_of_picture_are_written_with_the_size_asked_for() {
         let folder = tempfile::tempdir().unwrap();
-        let outcome = run(&args(folder.path(), Method::Reference, &["a.exr", "a.png"])).unwrap();
+        let outcome = render_scene(&args(folder.path(), Method::Reference, &["a.exr", "a.png"]), 1).unwrap();
         assert_eq!((outcome.size, outcome.method), ((32, 48), Method::Reference));
         assert!(outcome.rays > 32 * 48 * 4);
         assert_eq!(image::image_dimensions(folder.path().join("a.png")).unwrap(), (32, 48));
@@ -125,7 +149,7 @@ mod tests {
     #[test]
     fn auto_makes_a_picture_with_a_gpu_or_without() {
         let folder = tempfile::tempdir().unwrap();
-        let outcome = run(&args(folder.path(), Method::Auto, &["a.png"])).unwrap();
+        let outcome = render_scene(&args(folder.path(), Method::Auto, &["a.png"]), 1).unwrap();
         assert_eq!(outcome.adapter.is_some(), outcome.method == Method::Lights);
         assert_eq!(outcome.note.is_some(), outcome.method == Method::Reference);
     }
@@ -135,7 +159,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let mut args = args(folder.path(), Method::Auto, &["a.bmp"]);
         args.scene = "missing.toml".into();
-        let error = run(&args).unwrap_err();
+        let error = render_scene(&args, 1).unwrap_err();
         assert!(error.exit_code() == 2 && error.to_string().contains("a.bmp"), "{error}");
     }
 }

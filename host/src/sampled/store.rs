@@ -1,1 +1,243 @@
-//! The Zarr v3 store of a sampled SBRDF.
+//! The Zarr v3 store of a sampled SBRDF: chunked by texel block over all poses, so that a fit reads a block once.
+
+use std::fs;
+use std::path::Path;
+use std::sync::Arc;
+
+use glam::DVec3;
+use rayon::prelude::*;
+use zarrs::array::{Array, ArrayBuilder, DataType, FillValue, data_type};
+use zarrs::filesystem::FilesystemStore;
+use zarrs::group::{Group, GroupBuilder};
+
+use super::{PoseGeometry, SampledSbrdf};
+use crate::error::{Error, Result};
+use crate::files;
+
+/// Edge of a chunk in texels.
+const BLOCK: usize = 16;
+
+/// Version of the layout, in the root group's attributes.
+const LAYOUT: u64 = 1;
+
+impl SampledSbrdf {
+    /// Writes the store; an earlier one at `path` is replaced only when the new one is complete.
+    ///
+    /// # Errors
+    /// When the disk refuses; nothing half-written is left under `path`.
+    pub fn write_zarr(&self, path: &Path) -> Result<()> {
+        let temporary = files::temporary_name(path);
+        let _ = fs::remove_dir_all(&temporary);
+        let written = write_store(self, &temporary).map_err(|error| Error::writing(path, error));
+        if let Err(error) = written {
+            // Best effort: the first error is the one to tell.
+            let _ = fs::remove_dir_all(&temporary);
+            return Err(error);
+        }
+        if path.exists() {
+            fs::remove_dir_all(path).map_err(|error| Error::writing(path, error))?;
+        }
+        fs::rename(&temporary, path).map_err(|error| Error::writing(path, error))
+    }
+
+    /// Reads a store that [`Self::write_zarr`] or another Zarr v3 writer made.
+    ///
+    /// # Errors
+    /// Input errors for a folder that is no such store or whose shapes disagree.
+    pub fn read_zarr(path: &Path) -> Result<Self> {
+        if !path.join("zarr.json").is_file() {
+            return Err(Error::input(format!(
+                "{}: not a Zarr v3 store: it has no zarr.json",
+                path.display()
+            )));
+        }
+        read_store(path).map_err(|error| match error {
+            StoreError::Layout(message) => Error::input(format!("{}: {message}", path.display())),
+            StoreError::Zarr(error) => Error::reading(path, error),
+        })
+    }
+}
+
+/// What can go wrong inside a store.
+enum StoreError {
+    /// It is Zarr, but not a sampled SBRDF.
+    Layout(String),
+    /// Zarr's own error.
+    Zarr(Box<dyn std::error::Error>),
+}
+
+impl<E: std::error::Error + 'static> From<E> for StoreError {
+    fn from(error: E) -> Self {
+        Self::Zarr(Box::new(error))
+    }
+}
+
+fn write_store(sampled: &SampledSbrdf, path: &Path) -> std::result::Result<(), Box<dyn std::error::Error>> {
+    let store = Arc::new(FilesystemStore::new(path)?);
+    let mut root = GroupBuilder::new().build(store.clone(), "/")?;
+    let attributes = root.attributes_mut();
+    attributes.insert("lobelia_layout".into(), LAYOUT.into());
+    attributes.insert("texel_mm".into(), sampled.texel_mm.into());
+    attributes.insert("reflectance_unit".into(), "1/sr".into());
+    root.store_metadata()?;
+
+    let poses = sampled.poses.len();
+    let xyz = |get: fn(&PoseGeometry) -> DVec3| {
+        sampled.poses.iter().flat_map(|pose| get(pose).to_array()).collect::<Vec<f64>>()
+    };
+    for (name, values) in
+        [("light_position_mm", xyz(|pose| pose.light_mm)), ("camera_position_mm", xyz(|pose| pose.camera_mm))]
+    {
+        write_small(&store, name, &[poses, 3], &["pose", "xyz"], &values)?;
+    }
+    let weights: Vec<f64> = sampled.poses.iter().map(|pose| pose.weight).collect();
+    write_small(&store, "weight", &[poses], &["pose"], &weights)?;
+
+    let shape = [sampled.height, sampled.width, poses, 3].map(|n| n as u64);
+    let chunk = [BLOCK, BLOCK, poses.max(1), 3].map(|n| n as u64);
+    let nan = FillValue::from(f32::NAN);
+    let array = ArrayBuilder::new(shape.to_vec(), chunk.to_vec(), data_type::float32(), nan)
+        .dimension_names(["y", "x", "pose", "rgb"].into())
+        .build(store, "/reflectance")?;
+    array.store_metadata()?;
+    let rows: Vec<usize> = (0..sampled.height).step_by(BLOCK).collect();
+    rows.into_par_iter().try_for_each(|row| {
+        (0..sampled.width).step_by(BLOCK).try_for_each(|column| {
+            let (bottom, right) = ((row + BLOCK).min(sampled.height), (column + BLOCK).min(sampled.width));
+            let span = poses * 3;
+            let mut block: Vec<f32> = Vec::with_capacity((bottom - row) * (right - column) * span);
+            for y in row..bottom {
+                let line = y * sampled.width;
+                block.extend_from_slice(&sampled.reflectance[(line + column) * span..(line + right) * span]);
+            }
+            let subset = [row as u64..bottom as u64, column as u64..right as u64, 0..poses as u64, 0..3];
+            array.store_array_subset(&subset, block.as_slice())
+        })
+    })?;
+    Ok(())
+}
+
+/// Writes a small f64 array as one chunk.
+fn write_small(
+    store: &Arc<FilesystemStore>,
+    name: &str,
+    shape: &[usize],
+    dimensions: &[&str],
+    values: &[f64],
+) -> std::result::Result<(), Box<dyn std::error::Error>> {
+    let shape: Vec<u64> = shape.iter().map(|&n| n as u64).collect();
+    let chunk: Vec<u64> = shape.iter().map(|&n| n.max(1)).collect();
+    let array = ArrayBuilder::new(shape.clone(), chunk, data_type::float64(), FillValue::from(f64::NAN))
+        .dimension_names(Some(dimensions.iter().copied()))
+        .build(store.clone(), &format!("/{name}"))?;
+    array.store_metadata()?;
+    let subset: Vec<std::ops::Range<u64>> = shape.iter().map(|&n| 0..n).collect();
+    array.store_array_subset(&subset, values)?;
+    Ok(())
+}
+
+fn read_store(path: &Path) -> std::result::Result<SampledSbrdf, StoreError> {
+    let store = Arc::new(FilesystemStore::new(path)?);
+    let root = Group::open(store.clone(), "/")?;
+    let layout = root.attributes().get("lobelia_layout").and_then(serde_json::Value::as_u64);
+    if layout != Some(LAYOUT) {
+        let message = "not a sampled SBRDF of this version (attribute lobelia_layout is not 1)";
+        return Err(StoreError::Layout(message.into()));
+    }
+    let texel_mm = root.attributes().get("texel_mm").and_then(serde_json::Value::as_f64);
+    let texel_mm = texel_mm.ok_or_else(|| StoreError::Layout("lacks the attribute texel_mm".into()))?;
+
+    let array = Array::open(store.clone(), "/reflectance")?;
+    let shape: Vec<usize> = array.shape().iter().map(|&n| n as usize).collect();
+    let &[height, width, poses, 3] = shape.as_slice() else {
+        return Err(StoreError::Layout(format!(
+            "reflectance has the shape {shape:?}, must be [y, x, pose, 3]"
+        )));
+    };
+    require_type(&array, "reflectance", &data_type::float32())?;
+    let reflectance: Vec<f32> = array.retrieve_array_subset(&array.subset_all())?;
+    let light = read_small(&store, "light_position_mm", &[poses, 3])?;
+    let camera = read_small(&store, "camera_position_mm", &[poses, 3])?;
+    let weight = read_small(&store, "weight", &[poses])?;
+    let poses = (0..poses)
+        .map(|pose| PoseGeometry {
+            light_mm: DVec3::from_slice(&light[3 * pose..]),
+            camera_mm: DVec3::from_slice(&camera[3 * pose..]),
+            weight: weight[pose],
+        })
+        .collect();
+    Ok(SampledSbrdf { width, height, texel_mm, poses, reflectance })
+}
+
+fn require_type(
+    array: &Array<FilesystemStore>,
+    name: &str,
+    wanted: &DataType,
+) -> std::result::Result<(), StoreError> {
+    if array.data_type() == wanted {
+        return Ok(());
+    }
+    Err(StoreError::Layout(format!("{name} holds {:?}, must hold {wanted:?}", array.data_type())))
+}
+
+fn read_small(
+    store: &Arc<FilesystemStore>,
+    name: &str,
+    shape: &[usize],
+) -> std::result::Result<Vec<f64>, StoreError> {
+    let array = Array::open(store.clone(), &format!("/{name}"))?;
+    let has: Vec<usize> = array.shape().iter().map(|&n| n as usize).collect();
+    if has != shape {
+        return Err(StoreError::Layout(format!("{name} has the shape {has:?}, must be {shape:?}")));
+    }
+    require_type(&array, name, &data_type::float64())?;
+    Ok(array.retrieve_array_subset(&array.subset_all())?)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn example() -> SampledSbrdf {
+        let poses = (0..5)
+            .map(|k| PoseGeometry {
+                light_mm: DVec3::new(f64::from(k), 2.0, 1000.0),
+                camera_mm: DVec3::new(0.25, f64::from(k) * 0.1, 1050.0),
+                weight: if k == 3 { 0.0 } else { 1.0 },
+            })
+            .collect();
+        // Neither edge is a multiple of the chunk's.
+        let mut sampled = SampledSbrdf::empty(19, 33, 0.5, poses);
+        for (k, value) in sampled.reflectance.iter_mut().enumerate() {
+            *value = k as f32 * 1e-3;
+        }
+        sampled
+    }
+
+    #[test]
+    fn a_sampled_sbrdf_survives_its_store_and_replaces_an_older_one() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("sampled.zarr");
+        SampledSbrdf::empty(4, 4, 1.0, Vec::new()).write_zarr(&path).unwrap();
+        example().write_zarr(&path).unwrap();
+        assert_eq!(SampledSbrdf::read_zarr(&path).unwrap(), example());
+        assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 1);
+    }
+
+    #[test]
+    fn a_folder_that_is_no_store_is_refused() {
+        let folder = tempfile::tempdir().unwrap();
+        let error = SampledSbrdf::read_zarr(folder.path()).unwrap_err();
+        assert_eq!(error.exit_code(), 2);
+        assert!(error.to_string().contains("zarr.json"));
+    }
+
+    #[test]
+    fn a_missing_array_is_refused() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("sampled.zarr");
+        example().write_zarr(&path).unwrap();
+        fs::remove_dir_all(path.join("weight")).unwrap();
+        assert_eq!(SampledSbrdf::read_zarr(&path).unwrap_err().exit_code(), 2);
+    }
+}

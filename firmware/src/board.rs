@@ -1,0 +1,81 @@
+//! What a board has to offer: pins, a lamp dimmer, a photodiode and a link.
+//!
+//! Pins are logical: high means stepping, forward, enabled, switch closed, shutter open, lamp burning, stop pressed.
+//! A board with inverted wiring inverts in its pin types. A home switch and the emergency stop should be wired so that
+//! a broken wire reads as closed and pressed.
+
+use embedded_hal::digital::{InputPin, OutputPin};
+use embedded_hal::pwm::SetDutyCycle;
+use lobelia_protocol::AXES;
+
+/// A link that carries bytes and never waits.
+pub trait ByteLink {
+    /// The next byte received, if there is one.
+    fn read(&mut self) -> Option<u8>;
+    /// Sends a byte; false when there's no room for it now.
+    fn write(&mut self, byte: u8) -> bool;
+}
+
+/// An analog input.
+pub trait AnalogInput {
+    /// A reading in counts; `None` when the converter fails.
+    fn read(&mut self) -> Option<u16>;
+}
+
+/// A board's types. Output pins share one type and so do inputs: use the board's erased pins.
+pub trait Board {
+    /// An output pin.
+    type Output: OutputPin;
+    /// An input pin.
+    type Input: InputPin;
+    /// The lamp's dimmer.
+    type LampLevel: SetDutyCycle;
+    /// The photodiode beside the lamp.
+    type Photodiode: AnalogInput;
+    /// The link to the host.
+    type Link: ByteLink;
+}
+
+/// One axis's pins.
+pub struct AxisPins<B: Board> {
+    /// A rising edge is one step.
+    pub step: B::Output,
+    /// High: steps count up.
+    pub direction: B::Output,
+    /// High: the motor holds.
+    pub enable: B::Output,
+    /// High: the home switch is closed.
+    pub home: B::Input,
+}
+
+/// All that the controller drives.
+pub struct Peripherals<B: Board> {
+    /// Pan, tilt, roll, light.
+    pub axes: [AxisPins<B>; AXES],
+    /// High: open.
+    pub shutter: B::Output,
+    /// High: the lamp burns.
+    pub lamp: B::Output,
+    /// The lamp's level.
+    pub lamp_level: B::LampLevel,
+    /// The lamp's reference reading.
+    pub photodiode: B::Photodiode,
+    /// High: pressed.
+    pub emergency_stop: B::Input,
+    /// The host.
+    pub link: B::Link,
+}
+
+/// A pin that could not be driven or read.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) struct PinFailure;
+
+/// Drives a pin.
+pub(crate) fn set(pin: &mut impl OutputPin, high: bool) -> Result<(), PinFailure> {
+    if high { pin.set_high() } else { pin.set_low() }.map_err(|_| PinFailure)
+}
+
+/// Reads a pin.
+pub(crate) fn is_high(pin: &mut impl InputPin) -> Result<bool, PinFailure> {
+    pin.is_high().map_err(|_| PinFailure)
+}

@@ -1,0 +1,395 @@
+//! The controller: takes packets from the link, runs one long command at a time, and stops everything on a fault.
+
+use core::array;
+
+use lobelia_protocol::{
+    AXES, Answer, Axis, Command, Configuration, Event, Fault, FaultReport, Field, HomeDirection, LampStatus,
+    Outcome, Refusal, Request, Response, Status, ToController, ToHost,
+};
+
+use crate::board::{Board, Peripherals, PinFailure};
+use crate::homing::{Homing, Progress};
+use crate::lamp::Lamp;
+use crate::link::{Admission, Link};
+use crate::motion::axis::AxisDrive;
+use crate::motion::parameters;
+use crate::safety::Safety;
+use crate::shutter::{OPEN_US, Shutter};
+
+/// A command that takes time, being run.
+#[derive(Debug)]
+enum Task {
+    /// Axes run to their targets; then they settle for `settle_ms`.
+    Move { settle_ms: u16 },
+    /// Axes search for their switches.
+    Home([Option<Homing>; AXES]),
+    /// Axes have come to rest and settle.
+    Settle { until_us: u64 },
+    /// The shutter is open.
+    Expose,
+    /// Axes come to rest because of a stop.
+    Stop,
+}
+
+/// The task, and the request to answer at its end unless its session is over.
+#[derive(Debug)]
+struct Running {
+    task: Task,
+    request: Option<u32>,
+}
+
+/// Why a command was not begun.
+enum Trouble {
+    Refusal(Refusal),
+    Pin,
+}
+
+impl From<Refusal> for Trouble {
+    fn from(refusal: Refusal) -> Self {
+        Self::Refusal(refusal)
+    }
+}
+
+impl From<PinFailure> for Trouble {
+    fn from(_: PinFailure) -> Self {
+        Self::Pin
+    }
+}
+
+/// The controller of a rig.
+pub struct Controller<B: Board> {
+    axes: [AxisDrive<B>; AXES],
+    lamp: Lamp<B::Output, B::LampLevel>,
+    shutter: Shutter<B::Output>,
+    photodiode: B::Photodiode,
+    safety: Safety<B::Input>,
+    link: Link<B::Link>,
+    configuration: Option<Configuration>,
+    running: Option<Running>,
+}
+
+impl<B: Board> Controller<B> {
+    /// A controller just switched on: nothing moves, the lamp is off, positions are unknown.
+    pub fn new(peripherals: Peripherals<B>) -> Self {
+        let Peripherals { axes, shutter, lamp, lamp_level, photodiode, emergency_stop, link } = peripherals;
+        Self {
+            axes: axes.map(AxisDrive::new),
+            lamp: Lamp::new(lamp, lamp_level),
+            shutter: Shutter::new(shutter),
+            photodiode,
+            safety: Safety::new(emergency_stop),
+            link: Link::new(link),
+            configuration: None,
+            running: None,
+        }
+    }
+
+    /// When [`Self::poll`] has to be called next, unless a byte or the emergency stop comes first; in µs, and
+    /// `u64::MAX` when nothing is under way.
+    pub fn next_event_us(&self) -> u64 {
+        let Some(running) = &self.running else {
+            return u64::MAX;
+        };
+        match &running.task {
+            Task::Settle { until_us } => *until_us,
+            Task::Expose => self.shutter.next_us(),
+            Task::Move { .. } | Task::Home(_) | Task::Stop => {
+                self.axes.iter().map(AxisDrive::next_us).min().unwrap_or(u64::MAX)
+            }
+        }
+    }
+
+    /// Does all that is due at `now_us`, which never goes back.
+    pub fn poll(&mut self, now_us: u64) {
+        match self.safety.newly_pressed() {
+            Ok(false) => {}
+            Ok(true) => self.raise(now_us, Fault::EmergencyStop, None),
+            Err(PinFailure) => self.raise(now_us, Fault::Hardware, None),
+        }
+        while let Some(packet) = self.link.receive() {
+            match packet {
+                ToController::Hello(hello) => {
+                    if self.link.greet(hello) {
+                        self.abandon();
+                    }
+                }
+                ToController::Request(request) => self.take(now_us, &request),
+            }
+        }
+        if let Some(running) = self.running.take() {
+            self.go_on(now_us, running);
+        }
+        self.link.flush();
+    }
+
+    /// Ends what a host began that is no longer there.
+    fn abandon(&mut self) {
+        if self.running.is_some() {
+            let _ = self.stop();
+            if let Some(running) = &mut self.running {
+                running.request = None;
+            }
+        }
+    }
+
+    fn take(&mut self, now_us: u64, request: &Request) {
+        let running = self.running.as_ref().and_then(|running| running.request);
+        match self.link.admit(request, running) {
+            Admission::Answer(outcome) => {
+                let response = Response { session: request.session, id: request.id, outcome };
+                self.link.send(&ToHost::Response(response));
+            }
+            Admission::Run => match self.begin(now_us, request) {
+                Ok(Some(answer)) => self.link.answer(request.id, Outcome::Done(answer)),
+                Ok(None) => {}
+                Err(Trouble::Refusal(refusal)) => self.link.answer(request.id, Outcome::Refused(refusal)),
+                Err(Trouble::Pin) => {
+                    self.raise(now_us, Fault::Hardware, None);
+                    let refusal = Refusal::Faulted(self.safety.faults());
+                    self.link.answer(request.id, Outcome::Refused(refusal));
+                }
+            },
+        }
+    }
+
+    /// Runs a command, or begins one that takes time and is answered at its end.
+    fn begin(&mut self, now_us: u64, request: &Request) -> Result<Option<Answer>, Trouble> {
+        match request.command {
+            Command::Status => return Ok(Some(Answer::Status(self.status(now_us)?))),
+            Command::Stop => {
+                self.stop()?;
+                return Ok(Some(Answer::Nothing));
+            }
+            Command::Lamp { on, level } => {
+                if on {
+                    self.safety.check()?;
+                }
+                self.lamp.switch(now_us, on, level)?;
+                return Ok(Some(Answer::Nothing));
+            }
+            Command::ClearFaults => {
+                self.safety.clear()?;
+                return Ok(Some(Answer::Nothing));
+            }
+            Command::Configure(_) | Command::Home | Command::MoveTo(_) | Command::Expose { .. } => {}
+        }
+        if self.running.is_some() {
+            return Err(Refusal::Busy.into());
+        }
+        if let Command::Configure(configuration) = request.command {
+            self.configure(configuration)?;
+            return Ok(Some(Answer::Nothing));
+        }
+        let configuration = self.configuration.ok_or(Refusal::NotConfigured)?;
+        self.safety.check()?;
+        let task = match request.command {
+            Command::MoveTo(targets) => self.begin_move(now_us, &configuration, targets)?,
+            Command::Expose { duration_us, warm_lamp } => {
+                self.begin_exposure(now_us, duration_us, warm_lamp)?
+            }
+            _ => self.begin_homing(now_us, &configuration)?,
+        };
+        self.running = Some(Running { task, request: Some(request.id) });
+        Ok(None)
+    }
+
+    /// Another configuration makes positions unknown: steps may mean something else.
+    fn configure(&mut self, configuration: Configuration) -> Result<(), Refusal> {
+        parameters::validate(&configuration)?;
+        if self.configuration.replace(configuration) != Some(configuration) {
+            self.axes.iter_mut().for_each(AxisDrive::forget);
+        }
+        Ok(())
+    }
+
+    fn begin_homing(&mut self, now_us: u64, configuration: &Configuration) -> Result<Task, Trouble> {
+        let mut searches = [const { None }; AXES];
+        for ((search, axis), parameters) in searches.iter_mut().zip(&mut self.axes).zip(&configuration.axes) {
+            *search = Some(Homing::start(now_us, axis, parameters)?);
+        }
+        Ok(Task::Home(searches))
+    }
+
+    fn check_positions(&self) -> Result<(), Refusal> {
+        match Axis::ALL.into_iter().find(|axis| !self.axes[axis.index()].known) {
+            Some(axis) => Err(Refusal::PositionUnknown(axis)),
+            None => Ok(()),
+        }
+    }
+
+    fn begin_move(
+        &mut self,
+        now_us: u64,
+        configuration: &Configuration,
+        targets: [i32; AXES],
+    ) -> Result<Task, Trouble> {
+        self.check_positions()?;
+        for (axis, (target, p)) in Axis::ALL.into_iter().zip(targets.iter().zip(&configuration.axes)) {
+            if !(p.min_steps..=p.max_steps).contains(target) {
+                return Err(Refusal::OutOfLimits(axis).into());
+            }
+        }
+        let mut settle_ms = 0;
+        for ((axis, target), parameters) in self.axes.iter_mut().zip(targets).zip(&configuration.axes) {
+            if axis.move_to(now_us, target, parameters)? {
+                settle_ms = parameters.settle_ms.max(settle_ms);
+            }
+        }
+        Ok(Task::Move { settle_ms })
+    }
+
+    fn begin_exposure(&mut self, now_us: u64, duration_us: u32, warm_lamp: bool) -> Result<Task, Trouble> {
+        if !OPEN_US.contains(&duration_us) {
+            return Err(Refusal::BadParameter { axis: None, field: Field::Duration }.into());
+        }
+        self.check_positions()?;
+        let lamp = self.lamp_status(now_us);
+        if warm_lamp && !lamp.warm {
+            return Err(Refusal::LampNotWarm { remaining_s: lamp.on.then_some(lamp.remaining_s) }.into());
+        }
+        self.shutter.open(now_us, duration_us)?;
+        Ok(Task::Expose)
+    }
+
+    /// Brings all axes to rest by their ramps and closes the shutter.
+    fn stop(&mut self) -> Result<(), PinFailure> {
+        self.axes.iter_mut().for_each(AxisDrive::stop);
+        if let Some(running) = &mut self.running {
+            running.task = Task::Stop;
+        }
+        self.shutter.close()
+    }
+
+    fn lamp_status(&self, now_us: u64) -> LampStatus {
+        self.lamp.status(now_us, self.configuration.map_or(0, |configuration| configuration.lamp_warm_up_s))
+    }
+
+    fn status(&mut self, now_us: u64) -> Result<Status, PinFailure> {
+        let mut at_switch = [false; AXES];
+        for (at_switch, axis) in at_switch.iter_mut().zip(&mut self.axes) {
+            *at_switch = axis.at_switch()?;
+        }
+        Ok(Status {
+            positions: self.positions(),
+            known: array::from_fn(|axis| self.axes[axis].known),
+            moving: array::from_fn(|axis| self.axes[axis].moving()),
+            at_switch,
+            configured: self.configuration.is_some(),
+            busy: self.running.is_some(),
+            lamp: self.lamp_status(now_us),
+            faults: self.safety.faults(),
+            emergency_stop: self.safety.pressed(),
+            uptime_us: now_us,
+        })
+    }
+
+    fn positions(&self) -> [i32; AXES] {
+        array::from_fn(|axis| self.axes[axis].position())
+    }
+
+    /// Polls the axes or the shutter for the task, and ends it when it is done.
+    fn go_on(&mut self, now_us: u64, mut running: Running) {
+        match self.advance(now_us, &mut running.task) {
+            Ok(None) => self.running = Some(running),
+            Ok(Some(outcome)) => self.finish(&running, outcome),
+            Err((fault, axis)) => {
+                self.running = Some(running);
+                self.raise(now_us, fault, axis);
+            }
+        }
+    }
+
+    fn finish(&mut self, running: &Running, outcome: Outcome) {
+        if let Some(id) = running.request {
+            self.link.answer(id, outcome);
+        }
+    }
+
+    fn advance(&mut self, now_us: u64, task: &mut Task) -> Result<Option<Outcome>, (Fault, Option<Axis>)> {
+        match task {
+            Task::Expose => {
+                let exposure =
+                    self.shutter.poll(now_us, &mut self.photodiode).map_err(|_| (Fault::Hardware, None))?;
+                return Ok(exposure.map(|exposure| Outcome::Done(Answer::Exposed(exposure))));
+            }
+            Task::Settle { until_us } => {
+                let at = Outcome::Done(Answer::At(self.positions()));
+                return Ok((now_us >= *until_us).then_some(at));
+            }
+            Task::Move { .. } | Task::Home(_) | Task::Stop => {}
+        }
+        let mut resting = true;
+        for axis in Axis::ALL {
+            self.advance_axis(now_us, axis, task).map_err(|fault| (fault, Some(axis)))?;
+            resting &= !self.axes[axis.index()].moving();
+        }
+        if !resting {
+            return Ok(None);
+        }
+        Ok(match task {
+            Task::Stop => Some(Outcome::Refused(Refusal::Stopped)),
+            Task::Move { settle_ms } => {
+                *task = Task::Settle { until_us: now_us + u64::from(*settle_ms) * 1000 };
+                None
+            }
+            _ => {
+                *task = Task::Settle { until_us: now_us + self.longest_settling_us() };
+                None
+            }
+        })
+    }
+
+    fn longest_settling_us(&self) -> u64 {
+        let axes = self.configuration.iter().flat_map(|configuration| &configuration.axes);
+        axes.map(|p| u64::from(p.settle_ms) * 1000).max().unwrap_or(0)
+    }
+
+    /// Makes the axis's step if one is due, and minds its switch.
+    fn advance_axis(&mut self, now_us: u64, axis: Axis, task: &mut Task) -> Result<(), Fault> {
+        let drive = &mut self.axes[axis.index()];
+        let stepped = drive.poll(now_us).map_err(|_| Fault::Hardware)?;
+        let Some(parameters) = self.configuration.as_ref().map(|all| &all.axes[axis.index()]) else {
+            return Ok(());
+        };
+        if let Task::Home(searches) = task {
+            let Some(search) = &mut searches[axis.index()] else { return Ok(()) };
+            if stepped {
+                search.stepped(drive, parameters).map_err(|_| Fault::Hardware)?;
+            } else if !drive.moving() {
+                match search.rested(now_us, drive, parameters).map_err(|_| Fault::Hardware)? {
+                    Progress::Seeking | Progress::Homed => {}
+                    Progress::Failed => return Err(Fault::HomingFailed),
+                }
+            }
+            return Ok(());
+        }
+        // A stop while homing may come to rest on the switch; positions are unknown then anyway.
+        let toward_switch = drive.forward() == (parameters.home_direction == HomeDirection::Positive);
+        if stepped && toward_switch && drive.known && drive.at_switch().map_err(|_| Fault::Hardware)? {
+            return Err(Fault::LimitHit);
+        }
+        Ok(())
+    }
+
+    /// Ceases everything at once and remembers why. The lamp goes out only with the emergency stop: it takes long to warm.
+    fn raise(&mut self, now_us: u64, fault: Fault, axis: Option<Axis>) {
+        let mut safe = true;
+        for drive in &mut self.axes {
+            safe &= drive.cut().is_ok();
+        }
+        safe &= self.shutter.close().is_ok();
+        if fault == Fault::EmergencyStop {
+            safe &= self.lamp.switch(now_us, false, 0).is_ok();
+        }
+        if self.safety.latch(fault) {
+            self.link.send(&ToHost::Event(Event::Fault(FaultReport { fault, axis, at_us: now_us })));
+        }
+        if !safe {
+            self.safety.latch(Fault::Hardware);
+        }
+        if let Some(running) = self.running.take() {
+            let refusal = Refusal::Faulted(self.safety.faults());
+            self.finish(&running, Outcome::Refused(refusal));
+        }
+    }
+}

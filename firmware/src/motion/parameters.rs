@@ -1,0 +1,48 @@
+//! Which parameters are allowed. What passes here can't overflow a position or outrun a step pulse.
+
+use lobelia_protocol::{Axis, AxisParameters, Configuration, Field, HomeDirection, Refusal};
+
+/// Highest speed, steps/s: a step every 5 µs leaves room for the pulse.
+const MAX_SPEED: u32 = 200_000;
+/// Highest acceleration, steps/s².
+const MAX_ACCELERATION: u32 = 10_000_000;
+/// Farthest position from 0, in steps.
+const FARTHEST: i32 = 1 << 29;
+/// Longest take-up, in steps.
+const MAX_TAKE_UP: u32 = 1 << 20;
+
+/// Checks a configuration.
+pub(crate) fn validate(configuration: &Configuration) -> Result<(), Refusal> {
+    for (axis, parameters) in Axis::ALL.into_iter().zip(&configuration.axes) {
+        if let Some(field) = bad_field(parameters) {
+            return Err(Refusal::BadParameter { axis: Some(axis), field });
+        }
+    }
+    Ok(())
+}
+
+fn bad_field(p: &AxisParameters) -> Option<Field> {
+    let range = -FARTHEST..=FARTHEST;
+    let speeds = 1..=p.max_speed;
+    let checks = [
+        (
+            range.contains(&p.min_steps) && range.contains(&p.max_steps) && p.min_steps < p.max_steps,
+            Field::Limits,
+        ),
+        ((1..=MAX_SPEED).contains(&p.max_speed), Field::MaxSpeed),
+        ((1..=MAX_ACCELERATION).contains(&p.acceleration), Field::Acceleration),
+        (p.take_up_steps <= MAX_TAKE_UP, Field::TakeUp),
+        (range.contains(&p.home_position) && switch_is_beyond_limits(p), Field::HomePosition),
+        (speeds.contains(&p.home_speed) && speeds.contains(&p.home_slow_speed), Field::HomeSpeed),
+        (p.home_travel <= FARTHEST as u32 && p.home_back_off <= p.home_travel, Field::HomeTravel),
+    ];
+    checks.into_iter().find_map(|(good, field)| (!good).then_some(field))
+}
+
+/// A move within the limits, take-up included, must not reach the switch.
+fn switch_is_beyond_limits(p: &AxisParameters) -> bool {
+    match p.home_direction {
+        HomeDirection::Negative => p.home_position < p.min_steps.saturating_sub_unsigned(p.take_up_steps),
+        HomeDirection::Positive => p.home_position > p.max_steps,
+    }
+}

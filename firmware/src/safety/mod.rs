@@ -1,0 +1,57 @@
+//! Safety: the emergency stop's input and the faults, which stay until the host clears them.
+
+use embedded_hal::digital::InputPin;
+use lobelia_protocol::{Fault, Faults, Refusal};
+
+use crate::board::{PinFailure, is_high};
+
+/// The emergency stop and what has gone wrong so far.
+#[derive(Debug)]
+pub(crate) struct Safety<P> {
+    emergency_stop: P,
+    faults: Faults,
+    pressed: bool,
+}
+
+impl<P: InputPin> Safety<P> {
+    pub(crate) fn new(emergency_stop: P) -> Self {
+        Self { emergency_stop, faults: Faults::NONE, pressed: false }
+    }
+
+    /// Looks at the emergency stop; true when it's a new press.
+    pub(crate) fn newly_pressed(&mut self) -> Result<bool, PinFailure> {
+        self.pressed = is_high(&mut self.emergency_stop)?;
+        Ok(self.pressed && !self.faults.contains(Fault::EmergencyStop))
+    }
+
+    /// Whether the emergency stop was pressed when last looked at.
+    pub(crate) fn pressed(&self) -> bool {
+        self.pressed
+    }
+
+    /// The faults set.
+    pub(crate) fn faults(&self) -> Faults {
+        self.faults
+    }
+
+    /// Sets a fault; false if it was set already.
+    pub(crate) fn latch(&mut self, fault: Fault) -> bool {
+        let new = !self.faults.contains(fault);
+        self.faults.insert(fault);
+        new
+    }
+
+    /// Forgets the faults, unless the emergency stop is still pressed.
+    pub(crate) fn clear(&mut self) -> Result<(), Refusal> {
+        if self.pressed {
+            return Err(Refusal::EmergencyStopPressed);
+        }
+        self.faults = Faults::NONE;
+        Ok(())
+    }
+
+    /// Refuses while a fault is set.
+    pub(crate) fn check(&self) -> Result<(), Refusal> {
+        if self.faults.is_empty() { Ok(()) } else { Err(Refusal::Faulted(self.faults)) }
+    }
+}

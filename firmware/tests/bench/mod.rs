@@ -1,0 +1,288 @@
+//! A bench for the controller: pins that write down what they are told and when.
+#![allow(clippy::unwrap_used)]
+
+use std::cell::RefCell;
+use std::collections::VecDeque;
+use std::convert::Infallible;
+use std::rc::Rc;
+
+use embedded_hal::digital::{self, InputPin, OutputPin};
+use embedded_hal::pwm::{self, SetDutyCycle};
+use lobelia_firmware::{AnalogInput, AxisPins, Board, ByteLink, Controller, Peripherals};
+use lobelia_protocol::{
+    AxisParameters, Command, Configuration, FrameDecoder, Hello, HomeDirection, Outcome, Request, Response,
+    ToController, ToHost,
+};
+
+/// Where the home switch closes, in motor steps from where the rig was switched on.
+pub(crate) const SWITCH_AT: i64 = -700;
+
+/// What the pins did and see.
+#[derive(Default)]
+pub(crate) struct Bench {
+    pub(crate) now_us: u64,
+    pub(crate) motors: [i64; 4],
+    up: [bool; 4],
+    level: [bool; 4],
+    pub(crate) enabled: [bool; 4],
+    /// Time and direction of each step of each axis.
+    pub(crate) steps: [Vec<(u64, bool)>; 4],
+    /// Motor position at which the switch is; closed below, or above with `switch_up`.
+    pub(crate) switch_up: bool,
+    pub(crate) shutter: Vec<(u64, bool)>,
+    pub(crate) lamp: bool,
+    pub(crate) stop_pressed: bool,
+    pub(crate) pulse_too_short: bool,
+    edge_us: [u64; 4],
+    to_controller: VecDeque<u8>,
+    to_host: Vec<u8>,
+}
+
+type Shared = Rc<RefCell<Bench>>;
+
+#[derive(Clone, Copy)]
+enum Role {
+    Step(usize),
+    Direction(usize),
+    Enable(usize),
+    Home(usize),
+    Shutter,
+    Lamp,
+    Stop,
+}
+
+pub(crate) struct Pin(Shared, Role);
+pub(crate) struct Dimmer;
+pub(crate) struct Diode;
+pub(crate) struct Wire(Shared);
+pub(crate) struct TestBoard;
+
+impl Board for TestBoard {
+    type Output = Pin;
+    type Input = Pin;
+    type LampLevel = Dimmer;
+    type Photodiode = Diode;
+    type Link = Wire;
+}
+
+impl digital::ErrorType for Pin {
+    type Error = Infallible;
+}
+
+impl Pin {
+    fn set(&self, high: bool) {
+        let bench = &mut *self.0.borrow_mut();
+        let now = bench.now_us;
+        match self.1 {
+            Role::Step(axis) if bench.level[axis] != high => {
+                bench.pulse_too_short |= now < bench.edge_us[axis] + 2;
+                bench.edge_us[axis] = now;
+                bench.level[axis] = high;
+                if high {
+                    assert!(bench.enabled[axis], "a step without a holding motor is lost");
+                    bench.motors[axis] += if bench.up[axis] { 1 } else { -1 };
+                    bench.steps[axis].push((now, bench.up[axis]));
+                }
+            }
+            Role::Direction(axis) => bench.up[axis] = high,
+            Role::Enable(axis) => bench.enabled[axis] = high,
+            Role::Shutter => bench.shutter.push((now, high)),
+            Role::Lamp => bench.lamp = high,
+            Role::Step(_) | Role::Home(_) | Role::Stop => {}
+        }
+    }
+}
+
+impl OutputPin for Pin {
+    fn set_low(&mut self) -> Result<(), Infallible> {
+        self.set(false);
+        Ok(())
+    }
+    fn set_high(&mut self) -> Result<(), Infallible> {
+        self.set(true);
+        Ok(())
+    }
+}
+
+impl InputPin for Pin {
+    fn is_high(&mut self) -> Result<bool, Infallible> {
+        let bench = self.0.borrow();
+        Ok(match self.1 {
+            Role::Home(axis) if bench.switch_up => bench.motors[axis] >= -SWITCH_AT,
+            Role::Home(axis) => bench.motors[axis] <= SWITCH_AT,
+            Role::Stop => bench.stop_pressed,
+            _ => false,
+        })
+    }
+    fn is_low(&mut self) -> Result<bool, Infallible> {
+        self.is_high().map(|high| !high)
+    }
+}
+
+impl pwm::ErrorType for Dimmer {
+    type Error = Infallible;
+}
+
+impl SetDutyCycle for Dimmer {
+    fn max_duty_cycle(&self) -> u16 {
+        1000
+    }
+    fn set_duty_cycle(&mut self, _: u16) -> Result<(), Infallible> {
+        Ok(())
+    }
+}
+
+impl AnalogInput for Diode {
+    fn read(&mut self) -> Option<u16> {
+        Some(1234)
+    }
+}
+
+impl ByteLink for Wire {
+    fn read(&mut self) -> Option<u8> {
+        self.0.borrow_mut().to_controller.pop_front()
+    }
+    fn write(&mut self, byte: u8) -> bool {
+        self.0.borrow_mut().to_host.push(byte);
+        true
+    }
+}
+
+/// A controller on its bench, and a host that talks to it.
+pub(crate) struct Rig {
+    pub(crate) bench: Shared,
+    controller: Controller<TestBoard>,
+    decoder: FrameDecoder,
+    next_id: u32,
+}
+
+/// The session that [`Rig::greeted`] opens.
+pub(crate) const SESSION: u32 = 77;
+
+impl Rig {
+    pub(crate) fn new() -> Self {
+        let bench = Shared::default();
+        let pin = |role| Pin(Rc::clone(&bench), role);
+        let controller = Controller::new(Peripherals {
+            axes: std::array::from_fn(|axis| AxisPins {
+                step: pin(Role::Step(axis)),
+                direction: pin(Role::Direction(axis)),
+                enable: pin(Role::Enable(axis)),
+                home: pin(Role::Home(axis)),
+            }),
+            shutter: pin(Role::Shutter),
+            lamp: pin(Role::Lamp),
+            lamp_level: Dimmer,
+            photodiode: Diode,
+            emergency_stop: pin(Role::Stop),
+            link: Wire(Rc::clone(&bench)),
+        });
+        Self { bench, controller, decoder: FrameDecoder::new(), next_id: 1 }
+    }
+
+    /// With a session, and configured.
+    pub(crate) fn greeted(configuration: Configuration) -> Self {
+        let mut rig = Self::new();
+        rig.send(&ToController::Hello(Hello::new(SESSION)));
+        rig.received();
+        assert!(matches!(rig.ask(Command::Configure(configuration)), Outcome::Done(_)));
+        rig
+    }
+
+    /// With positions known too.
+    pub(crate) fn homed() -> Self {
+        let mut rig = Self::greeted(configuration());
+        assert!(matches!(rig.ask(Command::Home), Outcome::Done(_)));
+        rig.bench.borrow_mut().steps = Default::default();
+        rig
+    }
+
+    pub(crate) fn send(&mut self, packet: &ToController) {
+        self.bench.borrow_mut().to_controller.extend(packet.encode().unwrap());
+        self.poll();
+    }
+
+    pub(crate) fn poll(&mut self) {
+        let now = self.bench.borrow().now_us;
+        self.controller.poll(now);
+    }
+
+    /// Sends a command under a new id; gives the id.
+    pub(crate) fn begin(&mut self, command: Command) -> u32 {
+        let id = self.next_id;
+        self.next_id += 1;
+        self.send(&ToController::Request(Request { session: SESSION, id, command }));
+        id
+    }
+
+    /// Sends a command and lets time pass until it is answered.
+    pub(crate) fn ask(&mut self, command: Command) -> Outcome {
+        let id = self.begin(command);
+        self.outcome(id)
+    }
+
+    /// Lets time pass until a request is answered.
+    pub(crate) fn outcome(&mut self, id: u32) -> Outcome {
+        loop {
+            for packet in self.received() {
+                if let ToHost::Response(Response { id: answered, outcome, .. }) = packet
+                    && answered == id
+                {
+                    return outcome;
+                }
+            }
+            assert!(self.pass_event(), "request {id} is never answered");
+        }
+    }
+
+    /// Lets time pass until the next event; false when there is none.
+    pub(crate) fn pass_event(&mut self) -> bool {
+        let next = self.controller.next_event_us();
+        if next == u64::MAX {
+            return false;
+        }
+        let now = self.bench.borrow().now_us.max(next);
+        self.bench.borrow_mut().now_us = now;
+        self.poll();
+        true
+    }
+
+    /// What the controller has sent.
+    pub(crate) fn received(&mut self) -> Vec<ToHost> {
+        let bytes = std::mem::take(&mut self.bench.borrow_mut().to_host);
+        let mut packets = Vec::new();
+        for byte in bytes {
+            if let Some(Ok(payload)) = self.decoder.push(byte) {
+                packets.push(ToHost::decode(payload).unwrap());
+            }
+        }
+        packets
+    }
+
+    /// Steps made by all axes.
+    pub(crate) fn step_count(&self) -> usize {
+        self.bench.borrow().steps.iter().map(Vec::len).sum()
+    }
+}
+
+/// Axes of different speeds; home switch at the lower end, at step −1000 of the axis.
+pub(crate) fn configuration() -> Configuration {
+    let axis = |max_speed, acceleration| AxisParameters {
+        min_steps: -900,
+        max_steps: 5000,
+        max_speed,
+        acceleration,
+        take_up_steps: 40,
+        settle_ms: 20,
+        home_direction: HomeDirection::Negative,
+        home_position: -1000,
+        home_speed: max_speed / 2,
+        home_slow_speed: 50,
+        home_back_off: 60,
+        home_travel: 4000,
+    };
+    Configuration {
+        axes: [axis(2000, 4000), axis(1000, 20_000), axis(300, 100), axis(20_000, 50_000)],
+        lamp_warm_up_s: 10,
+    }
+}

@@ -1,0 +1,266 @@
+//! What the controller promises, seen at its pins and its link.
+#![allow(clippy::unwrap_used)]
+
+mod bench;
+
+use bench::{Rig, SESSION, SWITCH_AT, configuration};
+use lobelia_protocol::{
+    Answer, Axis, Command, Event, Fault, Field, Hello, HomeDirection, Outcome, Refusal, Request,
+    ToController, ToHost, Verdict,
+};
+use proptest::prelude::*;
+
+/// Where the motor is when the axis is truly at a position: the switch opens one step above the last closed one, and that
+/// step is −1000.
+fn motor_position(position: i32) -> i64 {
+    SWITCH_AT + 1 + 1000 + i64::from(position)
+}
+
+fn refusal(outcome: Outcome) -> Refusal {
+    match outcome {
+        Outcome::Refused(refusal) => refusal,
+        other => panic!("not refused: {other:?}"),
+    }
+}
+
+#[test]
+fn other_schema_is_refused_and_nothing_but_a_hello_is_understood() {
+    let mut rig = Rig::new();
+    rig.send(&ToController::Hello(Hello { schema: 1, version: 9, session: SESSION }));
+    let [ToHost::Hello(reply)] = rig.received()[..] else { panic!("no reply") };
+    assert_eq!((reply.verdict, reply.hello), (Verdict::DifferentSchema, Hello::new(SESSION)));
+    for command in [Command::Configure(configuration()), Command::Home, Command::Lamp { on: true, level: 9 }]
+    {
+        assert_eq!(refusal(rig.ask(command)), Refusal::NoSession);
+    }
+    assert_eq!((rig.step_count(), rig.bench.borrow().lamp), (0, false));
+}
+
+#[test]
+fn homing_puts_the_edge_where_the_configuration_says() {
+    let mut rig = Rig::homed();
+    let motors = rig.bench.borrow().motors;
+    let Outcome::Done(Answer::Status(status)) = rig.ask(Command::Status) else { panic!("no status") };
+    assert_eq!(status.positions.map(motor_position), motors);
+    assert_eq!(status.known, [true; 4]);
+}
+
+#[test]
+fn homing_begun_on_the_switch_finds_the_same_edge() {
+    let mut rig = Rig::greeted(configuration());
+    rig.bench.borrow_mut().motors = [SWITCH_AT - 50; 4];
+    assert!(matches!(rig.ask(Command::Home), Outcome::Done(_)));
+    rig.ask(Command::MoveTo([0; 4]));
+    assert_eq!(rig.bench.borrow().motors, [motor_position(0); 4]);
+}
+
+#[test]
+fn homing_at_the_upper_end_measures_the_edge_upward() {
+    let mut upper = configuration();
+    for axis in &mut upper.axes {
+        (axis.home_direction, axis.home_position) = (HomeDirection::Positive, 6000);
+    }
+    let mut rig = Rig::greeted(upper);
+    rig.bench.borrow_mut().switch_up = true;
+    assert!(matches!(rig.ask(Command::Home), Outcome::Done(_)));
+    rig.ask(Command::MoveTo([0; 4]));
+    assert_eq!(rig.bench.borrow().motors, [-SWITCH_AT - 6000; 4]);
+}
+
+#[test]
+fn repeated_request_is_not_run_twice() {
+    let mut rig = Rig::homed();
+    let request = Request { session: SESSION, id: 50, command: Command::MoveTo([300, 200, 10, 400]) };
+    rig.send(&ToController::Request(request));
+    rig.pass_event();
+    rig.send(&ToController::Request(request));
+    let running = rig.received();
+    assert!(matches!(running[..], [ToHost::Response(response)] if response.outcome == Outcome::Running));
+    let done = rig.outcome(50);
+    let steps = rig.step_count();
+    rig.send(&ToController::Request(request));
+    let again = rig.received();
+    assert!(matches!(again[..], [ToHost::Response(response)] if response.outcome == done));
+    assert!(!rig.pass_event());
+    assert_eq!(rig.step_count(), steps);
+}
+
+#[test]
+fn old_request_without_a_kept_answer_is_not_run() {
+    let mut rig = Rig::homed();
+    rig.begin(Command::Status);
+    let late = Request { session: SESSION, id: 0, command: Command::MoveTo([300; 4]) };
+    rig.received();
+    rig.send(&ToController::Request(late));
+    let answers = rig.received();
+    assert!(
+        matches!(answers[..], [ToHost::Response(response)] if response.outcome == Outcome::Refused(Refusal::Stale))
+    );
+    assert_eq!(rig.step_count(), 0);
+}
+
+#[test]
+fn another_host_ends_what_the_last_one_began_and_keeps_positions() {
+    let mut rig = Rig::homed();
+    let id = rig.begin(Command::MoveTo([2000; 4]));
+    for _ in 0..50 {
+        rig.pass_event();
+    }
+    rig.send(&ToController::Hello(Hello::new(SESSION + 1)));
+    while rig.pass_event() {}
+    let answered =
+        rig.received().iter().any(|packet| matches!(packet, ToHost::Response(response) if response.id == id));
+    assert!(!answered);
+    let status = Request { session: SESSION + 1, id: 1, command: Command::Status };
+    rig.send(&ToController::Request(status));
+    let Outcome::Done(Answer::Status(status)) = rig.outcome(1) else { panic!("no status") };
+    assert_eq!((status.known, status.busy), ([true; 4], false));
+    assert!(status.positions.iter().all(|&position| position < 2000));
+}
+
+#[test]
+fn emergency_stop_ceases_steps_at_once_and_needs_clearing_and_homing() {
+    let mut rig = Rig::homed();
+    rig.ask(Command::Lamp { on: true, level: 65535 });
+    let id = rig.begin(Command::MoveTo([2000; 4]));
+    for _ in 0..200 {
+        rig.pass_event();
+    }
+    let before = rig.step_count();
+    rig.bench.borrow_mut().stop_pressed = true;
+    rig.poll();
+    assert!(!rig.pass_event());
+    assert_eq!(rig.step_count(), before);
+    assert_eq!((rig.bench.borrow().enabled, rig.bench.borrow().lamp), ([false; 4], false));
+    let packets = rig.received();
+    let told = |packet: &ToHost| matches!(packet, ToHost::Event(Event::Fault(report)) if report.fault == Fault::EmergencyStop);
+    assert!(packets.iter().any(told));
+    assert!(packets.iter().any(|packet| matches!(packet, ToHost::Response(response) if response.id == id)));
+    assert_eq!(refusal(rig.ask(Command::ClearFaults)), Refusal::EmergencyStopPressed);
+    rig.bench.borrow_mut().stop_pressed = false;
+    assert!(matches!(refusal(rig.ask(Command::Home)), Refusal::Faulted(_)));
+    assert!(matches!(rig.ask(Command::ClearFaults), Outcome::Done(_)));
+    assert_eq!(refusal(rig.ask(Command::MoveTo([0; 4]))), Refusal::PositionUnknown(Axis::Pan));
+    assert!(matches!(rig.ask(Command::Home), Outcome::Done(_)));
+    assert!(matches!(rig.ask(Command::MoveTo([0; 4])), Outcome::Done(_)));
+}
+
+#[test]
+fn switch_that_closes_during_a_move_is_a_fault() {
+    let mut rig = Rig::homed();
+    rig.ask(Command::MoveTo([500; 4]));
+    // The tilt motor has lost steps: its axis is lower than counted.
+    rig.bench.borrow_mut().motors[1] -= 400;
+    let id = rig.begin(Command::MoveTo([-800; 4]));
+    assert!(matches!(refusal(rig.outcome(id)), Refusal::Faulted(faults) if faults.contains(Fault::LimitHit)));
+    assert_eq!(rig.bench.borrow().motors[1], SWITCH_AT);
+}
+
+#[test]
+fn homing_without_a_switch_fails_within_the_travel() {
+    let mut rig = Rig::greeted(configuration());
+    rig.bench.borrow_mut().motors[2] = 1_000_000;
+    assert!(
+        matches!(refusal(rig.ask(Command::Home)), Refusal::Faulted(faults) if faults.contains(Fault::HomingFailed))
+    );
+    assert!(rig.bench.borrow().steps[2].len() <= 4000);
+}
+
+#[test]
+fn stop_answers_at_once_and_leaves_positions_known_at_rest() {
+    let mut rig = Rig::homed();
+    let moving = rig.begin(Command::MoveTo([4000; 4]));
+    for _ in 0..500 {
+        rig.pass_event();
+    }
+    rig.begin(Command::Stop);
+    assert_eq!(refusal(rig.outcome(moving)), Refusal::Stopped);
+    let motors = rig.bench.borrow().motors;
+    let Outcome::Done(Answer::Status(status)) = rig.ask(Command::Status) else { panic!("no status") };
+    assert_eq!((status.known, status.moving), ([true; 4], [false; 4]));
+    assert_eq!(status.positions.map(motor_position), motors);
+}
+
+#[test]
+fn commands_that_make_no_sense_are_refused_without_a_fault() {
+    let mut rig = Rig::new();
+    rig.send(&ToController::Hello(Hello::new(SESSION)));
+    assert_eq!(refusal(rig.ask(Command::Home)), Refusal::NotConfigured);
+    let mut bad = configuration();
+    bad.axes[3].acceleration = 0;
+    let field = Refusal::BadParameter { axis: Some(Axis::Light), field: Field::Acceleration };
+    assert_eq!(refusal(rig.ask(Command::Configure(bad))), field);
+    rig.ask(Command::Configure(configuration()));
+    assert_eq!(refusal(rig.ask(Command::MoveTo([0; 4]))), Refusal::PositionUnknown(Axis::Pan));
+    rig.ask(Command::Home);
+    assert_eq!(refusal(rig.ask(Command::MoveTo([0, 0, 5001, 0]))), Refusal::OutOfLimits(Axis::Roll));
+    let dark = Command::Expose { duration_us: 1000, warm_lamp: true };
+    assert_eq!(refusal(rig.ask(dark)), Refusal::LampNotWarm { remaining_s: None });
+    rig.begin(Command::MoveTo([0; 4]));
+    assert_eq!(refusal(rig.ask(Command::Home)), Refusal::Busy);
+}
+
+#[test]
+fn exposure_opens_for_its_time_once_the_lamp_is_warm() {
+    let mut rig = Rig::homed();
+    rig.ask(Command::Lamp { on: true, level: 65535 });
+    let expose = Command::Expose { duration_us: 488, warm_lamp: true };
+    assert_eq!(refusal(rig.ask(expose)), Refusal::LampNotWarm { remaining_s: Some(10) });
+    rig.bench.borrow_mut().now_us += 10_000_000;
+    rig.bench.borrow_mut().shutter.clear();
+    let Outcome::Done(Answer::Exposed(exposure)) = rig.ask(expose) else { panic!("no exposure") };
+    assert_eq!((exposure.open_us, exposure.reference_q8, exposure.readings), (488, 1234 * 256, 16));
+    let start = exposure.start_us;
+    assert_eq!(rig.bench.borrow().shutter, [(start, true), (start + 488, false)]);
+}
+
+#[test]
+fn same_configuration_again_keeps_positions_and_another_forgets_them() {
+    let mut rig = Rig::homed();
+    rig.ask(Command::Configure(configuration()));
+    assert!(matches!(rig.ask(Command::MoveTo([100; 4])), Outcome::Done(_)));
+    let mut other = configuration();
+    other.axes[0].home_position -= 1;
+    rig.ask(Command::Configure(other));
+    assert_eq!(refusal(rig.ask(Command::MoveTo([0; 4]))), Refusal::PositionUnknown(Axis::Pan));
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(24))]
+
+    #[test]
+    fn moves_keep_limits_end_on_target_and_end_upward(
+        targets in proptest::collection::vec(proptest::array::uniform4(-900..=5000i32), 1..4),
+    ) {
+        let mut rig = Rig::homed();
+        for target in targets {
+            rig.bench.borrow_mut().steps = Default::default();
+            prop_assert_eq!(rig.ask(Command::MoveTo(target)), Outcome::Done(Answer::At(target)));
+            let bench = rig.bench.borrow();
+            for (axis, parameters) in configuration().axes.iter().enumerate() {
+                prop_assert_eq!(bench.motors[axis], motor_position(target[axis]));
+                let steps = &bench.steps[axis];
+                prop_assert!(steps.iter().rev().take(40).all(|&(_, up)| up), "the play isn't taken up");
+                check_limits(steps, parameters.max_speed, parameters.acceleration)?;
+            }
+            prop_assert!(!bench.pulse_too_short);
+        }
+    }
+}
+
+/// Speeds and their changes at the emitted step times, which are whole µs; runs in one direction are told apart.
+fn check_limits(steps: &[(u64, bool)], max_speed: u32, acceleration: u32) -> Result<(), TestCaseError> {
+    for run in steps.chunk_by(|a, b| a.1 == b.1) {
+        for pair in run.windows(2) {
+            let least_interval = (pair[1].0 - pair[0].0 + 1) as f64 * 1e-6;
+            prop_assert!(1.0 / least_interval <= f64::from(max_speed) * 1.0001);
+        }
+        for three in run.windows(3) {
+            let (a, b) = (three[1].0 - three[0].0, three[2].0 - three[1].0);
+            let change = 1e6 / (a.min(b) + 1) as f64 - 1e6 / (a.max(b) - 1) as f64;
+            let over = (a + b + 2) as f64 * 0.5e-6;
+            prop_assert!(change / over <= f64::from(acceleration) * 1.01, "{:?}", three);
+        }
+    }
+    Ok(())
+}

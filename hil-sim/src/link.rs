@@ -1,0 +1,64 @@
+//! The host's end of the simulated link: reading lets virtual time pass until a byte comes or the timeout is over.
+
+use std::io::{self, ErrorKind, Read, Write};
+use std::time::Duration;
+
+use crate::rig::SimulatedRig;
+
+/// A link to a simulated rig.
+#[derive(Debug, Clone)]
+pub struct SimulatedLink {
+    rig: SimulatedRig,
+    timeout_us: u64,
+}
+
+impl SimulatedLink {
+    pub(crate) fn new(rig: SimulatedRig) -> Self {
+        Self { rig, timeout_us: 500_000 }
+    }
+
+    /// How much virtual time a read waits for a byte.
+    pub fn set_timeout(&mut self, timeout: Duration) {
+        self.timeout_us = timeout.as_micros().try_into().unwrap_or(u64::MAX / 4);
+    }
+}
+
+fn unplugged() -> io::Error {
+    io::Error::new(ErrorKind::NotConnected, "the simulated link is unplugged")
+}
+
+impl Read for SimulatedLink {
+    fn read(&mut self, into: &mut [u8]) -> io::Result<usize> {
+        if into.is_empty() {
+            return Ok(0);
+        }
+        let mut world = self.rig.lock();
+        if world.unplugged {
+            return Err(unplugged());
+        }
+        if world.bench.to_host.is_empty() {
+            let deadline = world.bench.now_us().saturating_add(self.timeout_us);
+            world.run_until(deadline, true);
+        }
+        match world.bench.to_host.take(into) {
+            0 => Err(ErrorKind::TimedOut.into()),
+            count => Ok(count),
+        }
+    }
+}
+
+impl Write for SimulatedLink {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        let mut world = self.rig.lock();
+        if world.unplugged {
+            return Err(unplugged());
+        }
+        world.bench.to_controller.push(bytes);
+        world.poll();
+        Ok(bytes.len())
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        Ok(())
+    }
+}

@@ -1,0 +1,247 @@
+//! The simulated board: the firmware's pins, each a handle to the bench that it acts on.
+
+use std::collections::VecDeque;
+use std::convert::Infallible;
+use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering::Relaxed};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+
+use embedded_hal::digital::{self, InputPin, OutputPin};
+use embedded_hal::pwm::{self, SetDutyCycle};
+use lobelia_firmware::{AnalogInput, AxisPins, Board, ByteLink, Peripherals};
+
+use crate::config::MechanicsConfig;
+use crate::lamp::Lamp;
+use crate::mechanics::Mechanism;
+
+/// Bytes on their way.
+#[derive(Debug, Default)]
+pub(crate) struct Wire {
+    bytes: Mutex<VecDeque<u8>>,
+    waiting: AtomicUsize,
+}
+
+impl Wire {
+    fn lock(&self) -> MutexGuard<'_, VecDeque<u8>> {
+        self.bytes.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    pub(crate) fn is_empty(&self) -> bool {
+        self.waiting.load(Relaxed) == 0
+    }
+
+    pub(crate) fn push(&self, bytes: &[u8]) {
+        let mut queue = self.lock();
+        queue.extend(bytes);
+        self.waiting.store(queue.len(), Relaxed);
+    }
+
+    /// Takes as many as there are and fit.
+    pub(crate) fn take(&self, into: &mut [u8]) -> usize {
+        let mut queue = self.lock();
+        let count = into.len().min(queue.len());
+        for (place, byte) in into.iter_mut().zip(queue.drain(..count)) {
+            *place = byte;
+        }
+        self.waiting.store(queue.len(), Relaxed);
+        count
+    }
+
+    pub(crate) fn clear(&self) {
+        self.lock().clear();
+        self.waiting.store(0, Relaxed);
+    }
+}
+
+/// What the pins act on.
+#[derive(Debug)]
+pub(crate) struct Bench {
+    pub(crate) now_us: AtomicU64,
+    pub(crate) axes: [Mechanism; 4],
+    pub(crate) lamp: Mutex<Lamp>,
+    pub(crate) shutter_open: AtomicBool,
+    pub(crate) emergency_stop: AtomicBool,
+    pub(crate) to_controller: Wire,
+    pub(crate) to_host: Wire,
+}
+
+impl Bench {
+    pub(crate) fn new(config: &MechanicsConfig) -> Self {
+        Self {
+            now_us: AtomicU64::new(0),
+            axes: config.axes().map(Mechanism::new),
+            lamp: Mutex::new(Lamp::new(&config.lamp, config.seed)),
+            shutter_open: AtomicBool::new(false),
+            emergency_stop: AtomicBool::new(false),
+            to_controller: Wire::default(),
+            to_host: Wire::default(),
+        }
+    }
+
+    pub(crate) fn lamp(&self) -> MutexGuard<'_, Lamp> {
+        self.lamp.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    pub(crate) fn now_us(&self) -> u64 {
+        self.now_us.load(Relaxed)
+    }
+}
+
+/// The simulated board's types.
+#[derive(Debug)]
+pub(crate) struct SimulatedBoard;
+
+impl Board for SimulatedBoard {
+    type Output = Output;
+    type Input = Input;
+    type LampLevel = Dimmer;
+    type Photodiode = Photodiode;
+    type Link = ControllerEnd;
+}
+
+/// All pins of a bench.
+pub(crate) fn peripherals(bench: &Arc<Bench>) -> Peripherals<SimulatedBoard> {
+    let output = |role| Output { bench: Arc::clone(bench), role };
+    let input = |role| Input { bench: Arc::clone(bench), role };
+    Peripherals {
+        axes: std::array::from_fn(|axis| AxisPins {
+            step: output(OutputRole::Step(axis)),
+            direction: output(OutputRole::Direction(axis)),
+            enable: output(OutputRole::Enable(axis)),
+            home: input(InputRole::Home(axis)),
+        }),
+        shutter: output(OutputRole::Shutter),
+        lamp: output(OutputRole::Lamp),
+        lamp_level: Dimmer(Arc::clone(bench)),
+        photodiode: Photodiode(Arc::clone(bench)),
+        emergency_stop: input(InputRole::EmergencyStop),
+        link: ControllerEnd(Arc::clone(bench)),
+    }
+}
+
+#[derive(Debug, Clone, Copy)]
+enum OutputRole {
+    Step(usize),
+    Direction(usize),
+    Enable(usize),
+    Shutter,
+    Lamp,
+}
+
+/// An output pin.
+#[derive(Debug)]
+pub(crate) struct Output {
+    bench: Arc<Bench>,
+    role: OutputRole,
+}
+
+impl Output {
+    fn set(&self, high: bool) {
+        let bench = &self.bench;
+        match self.role {
+            OutputRole::Step(axis) => {
+                let mechanism = &bench.axes[axis];
+                let rises = high && !mechanism.step_level.load(Relaxed);
+                mechanism.step_level.store(high, Relaxed);
+                if rises {
+                    mechanism.step();
+                }
+            }
+            OutputRole::Direction(axis) => bench.axes[axis].up.store(high, Relaxed),
+            OutputRole::Enable(axis) => bench.axes[axis].enabled.store(high, Relaxed),
+            OutputRole::Shutter => bench.shutter_open.store(high, Relaxed),
+            OutputRole::Lamp => bench.lamp().switch(bench.now_us(), high),
+        }
+    }
+}
+
+impl digital::ErrorType for Output {
+    type Error = Infallible;
+}
+
+impl OutputPin for Output {
+    fn set_low(&mut self) -> Result<(), Infallible> {
+        self.set(false);
+        Ok(())
+    }
+
+    fn set_high(&mut self) -> Result<(), Infallible> {
+        self.set(true);
+        Ok(())
+    }
+}
+
+#[derive(Debug, Clone, Copy)]
+enum InputRole {
+    Home(usize),
+    EmergencyStop,
+}
+
+/// An input pin.
+#[derive(Debug)]
+pub(crate) struct Input {
+    bench: Arc<Bench>,
+    role: InputRole,
+}
+
+impl digital::ErrorType for Input {
+    type Error = Infallible;
+}
+
+impl InputPin for Input {
+    fn is_high(&mut self) -> Result<bool, Infallible> {
+        Ok(match self.role {
+            InputRole::Home(axis) => self.bench.axes[axis].switch_closed(),
+            InputRole::EmergencyStop => self.bench.emergency_stop.load(Relaxed),
+        })
+    }
+
+    fn is_low(&mut self) -> Result<bool, Infallible> {
+        self.is_high().map(|high| !high)
+    }
+}
+
+/// The lamp's dimmer.
+#[derive(Debug)]
+pub(crate) struct Dimmer(Arc<Bench>);
+
+impl pwm::ErrorType for Dimmer {
+    type Error = Infallible;
+}
+
+impl SetDutyCycle for Dimmer {
+    fn max_duty_cycle(&self) -> u16 {
+        u16::MAX
+    }
+
+    fn set_duty_cycle(&mut self, duty: u16) -> Result<(), Infallible> {
+        self.0.lamp().dim(f64::from(duty) / f64::from(u16::MAX));
+        Ok(())
+    }
+}
+
+/// The lamp's photodiode.
+#[derive(Debug)]
+pub(crate) struct Photodiode(Arc<Bench>);
+
+impl AnalogInput for Photodiode {
+    fn read(&mut self) -> Option<u16> {
+        Some(self.0.lamp().reading(self.0.now_us()))
+    }
+}
+
+/// The controller's end of the link.
+#[derive(Debug)]
+pub(crate) struct ControllerEnd(Arc<Bench>);
+
+impl ByteLink for ControllerEnd {
+    fn read(&mut self) -> Option<u8> {
+        let mut byte = [0];
+        let wire = &self.0.to_controller;
+        (!wire.is_empty() && wire.take(&mut byte) == 1).then_some(byte[0])
+    }
+
+    fn write(&mut self, byte: u8) -> bool {
+        self.0.to_host.push(&[byte]);
+        true
+    }
+}

@@ -1,0 +1,127 @@
+//! The handle by which a program owns a simulated rig: its link, its clock, the truth, and what can go wrong.
+
+use std::fmt;
+use std::sync::atomic::Ordering::Relaxed;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+
+use lobelia_protocol::Axis;
+
+use crate::config::MechanicsConfig;
+use crate::link::SimulatedLink;
+use crate::world::World;
+
+/// What an exposure truly was.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ExposureTruth {
+    /// Counts exposures from 1; one that was broken off counts too.
+    pub sequence: u64,
+    /// When the shutter opened, in virtual µs.
+    pub start_us: u64,
+    /// How long it was open, s.
+    pub open_s: f64,
+    /// True angles of pan, tilt, roll and light in radians, errors included.
+    pub axes_rad: [f64; 4],
+    /// The lamp's mean radiance over the open time; 1 is the warm lamp at full level without drift.
+    pub lamp_relative: f64,
+}
+
+/// A simulated rig. Clones are the same rig.
+#[derive(Clone)]
+pub struct SimulatedRig {
+    world: Arc<Mutex<World>>,
+}
+
+impl fmt::Debug for SimulatedRig {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("SimulatedRig").field("now_us", &self.now_us()).finish_non_exhaustive()
+    }
+}
+
+impl SimulatedRig {
+    /// A rig just switched on.
+    pub fn new(config: &MechanicsConfig) -> Self {
+        Self { world: Arc::new(Mutex::new(World::new(config))) }
+    }
+
+    pub(crate) fn lock(&self) -> MutexGuard<'_, World> {
+        self.world.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// The host's end of the link.
+    pub fn link(&self) -> SimulatedLink {
+        SimulatedLink::new(self.clone())
+    }
+
+    /// Virtual time since the rig was switched on, µs; the controller's clock too, until it is reset.
+    pub fn now_us(&self) -> u64 {
+        self.lock().bench.now_us()
+    }
+
+    /// Lets virtual time pass without commands; does nothing if the time is past.
+    pub fn idle_until_us(&self, time_us: u64) {
+        self.lock().run_until(time_us, false);
+    }
+
+    /// The truth of the last exposure.
+    pub fn last_exposure(&self) -> Option<ExposureTruth> {
+        self.lock().last_exposure
+    }
+
+    /// The true angles now of pan, tilt, roll and light in radians, errors included. They mean something at rest.
+    pub fn angles_rad(&self) -> [f64; 4] {
+        self.lock().angles_rad()
+    }
+
+    /// Step pulses that an axis's driver has received so far.
+    pub fn steps_received(&self, axis: Axis) -> u64 {
+        self.lock().bench.axes[axis.index()].steps()
+    }
+
+    /// Whether the shutter is open.
+    pub fn shutter_open(&self) -> bool {
+        self.lock().bench.shutter_open.load(Relaxed)
+    }
+
+    /// Presses the emergency stop.
+    pub fn press_emergency_stop(&self) {
+        self.set_emergency_stop(true);
+    }
+
+    /// Releases the emergency stop.
+    pub fn release_emergency_stop(&self) {
+        self.set_emergency_stop(false);
+    }
+
+    fn set_emergency_stop(&self, pressed: bool) {
+        let mut world = self.lock();
+        world.bench.emergency_stop.store(pressed, Relaxed);
+        world.poll();
+    }
+
+    /// Pulls the link's plug: reading and writing fail from now on.
+    pub fn unplug(&self) {
+        self.lock().unplugged = true;
+    }
+
+    /// Plugs the link in again. What was on the way is lost.
+    pub fn plug_in(&self) {
+        let mut world = self.lock();
+        world.bench.to_host.clear();
+        world.unplugged = false;
+    }
+
+    /// Cuts the controller's power for a moment: it forgets configuration, positions and session.
+    pub fn reset_controller(&self) {
+        self.lock().reset_controller();
+    }
+
+    /// Makes an axis's motor slip by some steps, as when something pushes it.
+    pub fn slip(&self, axis: Axis, steps: i32) {
+        self.lock().bench.axes[axis.index()].shift(i64::from(steps));
+    }
+
+    /// Breaks an axis's home switch: it never closes again.
+    pub fn break_home_switch(&self, axis: Axis) {
+        self.lock().bench.axes[axis.index()].break_switch();
+    }
+}

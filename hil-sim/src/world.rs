@@ -1,0 +1,92 @@
+//! The world: the controller, the bench and the virtual clock that jumps from one event to the next.
+
+use std::sync::Arc;
+use std::sync::atomic::Ordering::Relaxed;
+
+use lobelia_firmware::Controller;
+
+use crate::config::MechanicsConfig;
+use crate::pins::{self, Bench, SimulatedBoard};
+use crate::rig::ExposureTruth;
+
+/// The firmware on a bench, at a virtual time.
+pub(crate) struct World {
+    controller: Controller<SimulatedBoard>,
+    pub(crate) bench: Arc<Bench>,
+    seed: u64,
+    shutter_opened_us: Option<u64>,
+    exposures: u64,
+    pub(crate) last_exposure: Option<ExposureTruth>,
+    pub(crate) unplugged: bool,
+}
+
+impl World {
+    pub(crate) fn new(config: &MechanicsConfig) -> Self {
+        let bench = Arc::new(Bench::new(config));
+        Self {
+            controller: Controller::new(pins::peripherals(&bench)),
+            bench,
+            seed: config.seed,
+            shutter_opened_us: None,
+            exposures: 0,
+            last_exposure: None,
+            unplugged: false,
+        }
+    }
+
+    /// Switches the controller off and on: it forgets all, the mechanics stay as they are.
+    pub(crate) fn reset_controller(&mut self) {
+        self.bench.to_controller.clear();
+        self.bench.to_host.clear();
+        self.bench.axes.iter().for_each(|axis| axis.enabled.store(false, Relaxed));
+        self.bench.shutter_open.store(false, Relaxed);
+        self.bench.lamp().switch(self.bench.now_us(), false);
+        self.controller = Controller::new(pins::peripherals(&self.bench));
+        self.watch_shutter();
+    }
+
+    /// Lets the controller see what has changed, without time passing.
+    pub(crate) fn poll(&mut self) {
+        self.controller.poll(self.bench.now_us());
+        self.watch_shutter();
+    }
+
+    /// Lets time pass until `deadline_us`, or with `for_output` until the controller has sent something.
+    pub(crate) fn run_until(&mut self, deadline_us: u64, for_output: bool) {
+        while !for_output || self.bench.to_host.is_empty() {
+            let now = self.bench.now_us();
+            let next = self.controller.next_event_us().max(now).min(deadline_us.max(now));
+            if next == now && now >= deadline_us {
+                return;
+            }
+            self.bench.now_us.store(next, Relaxed);
+            self.poll();
+        }
+    }
+
+    /// Notes the truth of an exposure when the shutter closes.
+    fn watch_shutter(&mut self) {
+        let open = self.bench.shutter_open.load(Relaxed);
+        let now = self.bench.now_us();
+        match self.shutter_opened_us {
+            None if open => self.shutter_opened_us = Some(now),
+            Some(start_us) if !open => {
+                self.shutter_opened_us = None;
+                self.exposures += 1;
+                self.last_exposure = Some(ExposureTruth {
+                    sequence: self.exposures,
+                    start_us,
+                    open_s: (now - start_us) as f64 * 1e-6,
+                    axes_rad: self.angles_rad(),
+                    lamp_relative: self.bench.lamp().mean_relative(start_us, now),
+                });
+            }
+            _ => {}
+        }
+    }
+
+    /// The true angles, errors included.
+    pub(crate) fn angles_rad(&self) -> [f64; 4] {
+        std::array::from_fn(|axis| self.bench.axes[axis].angle_rad(self.seed, axis))
+    }
+}

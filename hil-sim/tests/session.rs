@@ -1,0 +1,189 @@
+//! The simulated rig's promises: truth depends on what was commanded and when, and on nothing else.
+#![allow(clippy::unwrap_used)]
+
+use std::io::{ErrorKind, Read, Write};
+use std::net::{TcpListener, TcpStream};
+use std::time::Duration;
+
+use lobelia_hil_sim::{ExposureTruth, MechanicsConfig, SimulatedLink, SimulatedRig, serve_tcp};
+use lobelia_protocol::{
+    Answer, Command, FrameDecoder, Hello, Outcome, Refusal, Request, ToController, ToHost,
+};
+use proptest::prelude::*;
+
+/// A host without retries.
+struct Host {
+    link: SimulatedLink,
+    decoder: FrameDecoder,
+    next_id: u32,
+}
+
+impl Host {
+    fn ask(&mut self, command: Command) -> Outcome {
+        let id = self.next_id;
+        self.next_id += 1;
+        self.send(&ToController::Request(Request { session: 1, id, command }));
+        loop {
+            if let ToHost::Response(response) = self.receive()
+                && response.id == id
+            {
+                return response.outcome;
+            }
+        }
+    }
+
+    fn send(&mut self, packet: &ToController) {
+        self.link.write_all(&packet.encode().unwrap()).unwrap();
+    }
+
+    fn receive(&mut self) -> ToHost {
+        loop {
+            let mut byte = [0];
+            match self.link.read(&mut byte) {
+                Ok(_) => {}
+                Err(error) if error.kind() == ErrorKind::TimedOut => continue,
+                Err(error) => panic!("{error}"),
+            }
+            if let Some(Ok(payload)) = self.decoder.push(byte[0]) {
+                return ToHost::decode(payload).unwrap();
+            }
+        }
+    }
+}
+
+fn start(config: &MechanicsConfig) -> (SimulatedRig, Host) {
+    let rig = SimulatedRig::new(config);
+    let mut host = Host { link: rig.link(), decoder: FrameDecoder::new(), next_id: 1 };
+    host.send(&ToController::Hello(Hello::new(1)));
+    host.receive();
+    for command in
+        [Command::Configure(config.configuration()), Command::Home, Command::Lamp { on: true, level: 65535 }]
+    {
+        assert!(matches!(host.ask(command), Outcome::Done(_)));
+    }
+    (rig, host)
+}
+
+fn expose(rig: &SimulatedRig, host: &mut Host, steps: [i32; 4], at_us: u64) -> ExposureTruth {
+    assert_eq!(host.ask(Command::MoveTo(steps)), Outcome::Done(Answer::At(steps)));
+    rig.idle_until_us(at_us);
+    assert!(matches!(host.ask(Command::Expose { duration_us: 20_000, warm_lamp: true }), Outcome::Done(_)));
+    rig.last_exposure().unwrap()
+}
+
+fn poses() -> impl Strategy<Value = Vec<[i32; 4]>> {
+    let pose = (-6900..6900i32, -6900..6900i32, -6900..6900i32, 10_000..90_000i32);
+    proptest::collection::vec(pose.prop_map(|(pan, tilt, roll, light)| [pan, tilt, roll, light]), 1..6)
+}
+
+const S: u64 = 1_000_000;
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(16))]
+
+    #[test]
+    fn same_commands_give_the_same_truth(poses in poses()) {
+        let run = || {
+            let (rig, mut host) = start(&MechanicsConfig::default());
+            rig.idle_until_us(2000 * S);
+            let truths: Vec<_> = poses.iter().map(|&pose| expose(&rig, &mut host, pose, 0)).collect();
+            (truths, rig.now_us())
+        };
+        prop_assert_eq!(run(), run());
+    }
+
+    #[test]
+    fn truth_does_not_depend_on_the_poses_before(poses in poses()) {
+        let last = *poses.last().unwrap();
+        let (rig, mut host) = start(&MechanicsConfig::default());
+        rig.idle_until_us(2000 * S);
+        for &pose in &poses[..poses.len() - 1] {
+            expose(&rig, &mut host, pose, 0);
+        }
+        let whole = expose(&rig, &mut host, last, 3000 * S);
+        // Killed and started again: homed, then on with the last pose at the same time.
+        let (rig, mut host) = start(&MechanicsConfig::default());
+        rig.idle_until_us(2000 * S);
+        let resumed = expose(&rig, &mut host, last, 3000 * S);
+        prop_assert_eq!(ExposureTruth { sequence: 0, ..whole }, ExposureTruth { sequence: 0, ..resumed });
+    }
+
+    #[test]
+    fn angles_are_off_by_no_more_than_repeatability(poses in poses()) {
+        let config = MechanicsConfig::default();
+        let (rig, mut host) = start(&config);
+        rig.idle_until_us(2000 * S);
+        for pose in poses {
+            let truth = expose(&rig, &mut host, pose, 0);
+            for (axis, mechanics) in config.axes().into_iter().enumerate() {
+                let off = truth.axes_rad[axis].to_degrees() - f64::from(pose[axis]) * mechanics.degrees_per_step;
+                prop_assert!(off.abs() <= mechanics.repeatability_deg + 1e-9, "axis {}: {} deg", axis, off);
+            }
+        }
+    }
+}
+
+#[test]
+fn backlash_shows_when_the_take_up_is_shorter() {
+    let mut config = MechanicsConfig::ideal();
+    config.pan.backlash_deg = 0.5;
+    let mut configuration = config.configuration();
+    configuration.axes[0].take_up_steps = 0;
+    let (rig, mut host) = start(&config);
+    host.ask(Command::Configure(configuration));
+    host.ask(Command::Home);
+    let pan_deg = |host: &mut Host, steps| {
+        host.ask(Command::MoveTo([steps, 0, 0, 20_000]));
+        rig.angles_rad()[0].to_degrees()
+    };
+    let upward = pan_deg(&mut host, 0);
+    pan_deg(&mut host, 1000);
+    let downward = pan_deg(&mut host, 0);
+    assert!((downward - upward - 0.5).abs() < 1e-3, "{upward} {downward}");
+}
+
+#[test]
+fn truth_of_the_lamp_includes_its_warming_up() {
+    let config = MechanicsConfig::ideal();
+    let (rig, mut host) = start(&config);
+    let cold = Command::Expose { duration_us: 20_000, warm_lamp: false };
+    host.ask(cold);
+    assert!(rig.last_exposure().unwrap().lamp_relative < 0.5);
+    let warm = expose(&rig, &mut host, [0, 0, 0, 20_000], 2000 * S);
+    assert!((warm.lamp_relative - 1.0).abs() < 1e-3);
+}
+
+#[test]
+fn waiting_for_nothing_takes_just_the_timeout() {
+    let rig = SimulatedRig::new(&MechanicsConfig::ideal());
+    let mut link = rig.link();
+    link.set_timeout(Duration::from_millis(70));
+    assert_eq!(link.read(&mut [0; 8]).unwrap_err().kind(), ErrorKind::TimedOut);
+    assert_eq!(rig.now_us(), 70_000);
+}
+
+#[test]
+fn controller_that_was_reset_knows_no_session() {
+    let (rig, mut host) = start(&MechanicsConfig::ideal());
+    rig.reset_controller();
+    assert_eq!(host.ask(Command::Home), Outcome::Refused(Refusal::NoSession));
+}
+
+#[test]
+fn host_on_tcp_is_greeted() {
+    let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+    let address = listener.local_addr().unwrap();
+    let rig = SimulatedRig::new(&MechanicsConfig::ideal());
+    std::thread::spawn(move || serve_tcp(&listener, &rig, 1000.0));
+    let mut stream = TcpStream::connect(address).unwrap();
+    stream.write_all(&ToController::Hello(Hello::new(4)).encode().unwrap()).unwrap();
+    let mut decoder = FrameDecoder::new();
+    loop {
+        let mut byte = [0];
+        stream.read_exact(&mut byte).unwrap();
+        if let Some(Ok(payload)) = decoder.push(byte[0]) {
+            assert_eq!(ToHost::decode(payload), Ok(ToHost::Hello(Hello::new(4).reply())));
+            break;
+        }
+    }
+}

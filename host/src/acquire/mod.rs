@@ -1,0 +1,277 @@
+//! Runs a plan: moves the rig, fires the camera, and keeps a journal by which a killed run is continued.
+//!
+//! A run's folder holds `plan.toml`, `rig.toml`, `journal.jsonl` and `frames/`. What the journal records is on the disk;
+//! what it does not record is done again, so a pose is the unit of loss.
+
+use std::path::{Path, PathBuf};
+
+use sha2::{Digest, Sha256};
+
+use crate::error::{Error, Result};
+use crate::plan::Plan;
+use crate::rig::config::RigConfig;
+use crate::{files, progress, toml_file};
+
+pub mod journal;
+#[cfg(feature = "sim")]
+pub mod recipe;
+#[cfg(feature = "sim")]
+pub mod simulated;
+pub mod station;
+
+use journal::{ExposureRecord, Journal, Record};
+use station::{Shot, Station};
+
+/// A run's folder, read.
+pub struct RunFolder {
+    /// The folder.
+    pub path: PathBuf,
+    /// What to photograph.
+    pub plan: Plan,
+    /// The rig.
+    pub rig: RigConfig,
+    /// What has been done.
+    pub records: Vec<Record>,
+}
+
+/// What a run cost.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Acquired {
+    /// Poses photographed now, not counting those of an earlier part of the run.
+    pub poses: usize,
+    /// The controller's time from power-up to the end, s.
+    pub controller_s: f64,
+}
+
+impl RunFolder {
+    /// Lays out the folder of a new run and starts its journal.
+    ///
+    /// # Errors
+    /// When a run was recorded there already, the plan does not fit the rig, or the disk refuses.
+    pub fn create(path: &Path, plan: &Plan, rig: &RigConfig) -> Result<(Self, Journal)> {
+        rig.validate()?;
+        plan.validate(rig)?;
+        files::create_folder(&path.join("frames"))?;
+        let mut journal = Journal::create(path)?;
+        let rig_text = toml::to_string(rig).map_err(|error| Error::failure(format!("rig.toml: {error}")))?;
+        let plan_text = plan.to_toml()?;
+        files::write_bytes(&path.join("rig.toml"), rig_text.as_bytes())?;
+        files::write_bytes(&path.join("plan.toml"), plan_text.as_bytes())?;
+        let started = Record::Started {
+            lobelia: env!("CARGO_PKG_VERSION").into(),
+            plan_sha256: sha256(plan_text.as_bytes()),
+            rig_sha256: sha256(rig_text.as_bytes()),
+        };
+        journal.append(&started)?;
+        let run = Self { path: path.into(), plan: plan.clone(), rig: rig.clone(), records: vec![started] };
+        Ok((run, journal))
+    }
+
+    /// Opens a run to read it.
+    ///
+    /// # Errors
+    /// Input errors for missing or damaged files, and for a plan or rig that was changed after the run began.
+    pub fn open(path: &Path) -> Result<Self> {
+        let records = journal::read(path)?;
+        Self::with_records(path, records)
+    }
+
+    /// Opens a run to continue it.
+    ///
+    /// # Errors
+    /// As [`Self::open`].
+    pub fn resume(path: &Path) -> Result<(Self, Journal)> {
+        let (journal, records) = Journal::resume(path)?;
+        Ok((Self::with_records(path, records)?, journal))
+    }
+
+    fn with_records(path: &Path, records: Vec<Record>) -> Result<Self> {
+        let (rig_path, plan_path) = (path.join("rig.toml"), path.join("plan.toml"));
+        let rig: RigConfig = toml_file::read(&rig_path)?;
+        rig.validate()?;
+        let plan = Plan::read(&plan_path, &rig)?;
+        let Some(Record::Started { plan_sha256, rig_sha256, .. }) = records.first() else {
+            let message = "the journal does not begin with a start record; delete the folder and start again";
+            return Err(Error::input(format!("{}: {message}", path.display())));
+        };
+        for (file, recorded) in [(&rig_path, rig_sha256), (&plan_path, plan_sha256)] {
+            if sha256(files::read_text(file)?.as_bytes()) != *recorded {
+                return Err(Error::input(format!("{}: changed since the run began", file.display())));
+            }
+        }
+        Ok(Self { path: path.into(), plan, rig, records })
+    }
+
+    /// Whether the run is complete.
+    pub fn finished(&self) -> bool {
+        matches!(self.records.last(), Some(Record::Finished { .. }))
+    }
+}
+
+/// SHA-256 in hexadecimal.
+pub fn sha256(bytes: &[u8]) -> String {
+    Sha256::digest(bytes).iter().map(|byte| format!("{byte:02x}")).collect()
+}
+
+/// Runs what the journal does not record yet. On a real rig a resumed run homes only if the controller lost its
+/// positions; it always drives to the last recorded pose first and goes on from there.
+///
+/// # Errors
+/// Failures of the link, the rig, the camera or the disk. The journal holds what was done; `--resume` continues.
+pub fn run(run: &RunFolder, journal: &mut Journal, station: &mut Station) -> Result<Acquired> {
+    let mut steps = Steps { run, journal, station, taken: 0 };
+    if run.finished() {
+        return Ok(Acquired { poses: 0, controller_s: steps.last_us() as f64 * 1e-6 });
+    }
+    let done = steps.all();
+    if done.is_err() {
+        // The first error is the one to tell; a link that is gone cannot be told to rest.
+        let _ = steps.station.rest();
+    }
+    done?;
+    Ok(Acquired { poses: steps.taken, controller_s: steps.station.clock_us()? as f64 * 1e-6 })
+}
+
+/// The steps of one run and what they share.
+struct Steps<'a> {
+    run: &'a RunFolder,
+    journal: &'a mut Journal,
+    station: &'a mut Station,
+    taken: usize,
+}
+
+impl Steps<'_> {
+    fn all(&mut self) -> Result<()> {
+        self.prepare()?;
+        self.dark_frames()?;
+        self.warm_up()?;
+        self.poses()?;
+        self.station.rest()?;
+        let controller_us = self.station.clock_us()?;
+        self.journal.append(&Record::Finished { controller_us })
+    }
+
+    /// The last recorded controller time, µs.
+    fn last_us(&self) -> u64 {
+        self.run.records.iter().rev().find_map(Record::controller_us).unwrap_or(0)
+    }
+
+    fn recorded(&self, wanted: impl Fn(&Record) -> bool) -> Option<&Record> {
+        self.run.records.iter().find(|record| wanted(record))
+    }
+
+    /// Lets a simulated rig's clock run to where the recorded step left it.
+    fn catch_up(&mut self, record: Option<u64>) {
+        if let Some(time_us) = record {
+            self.station.idle_until_us(time_us);
+        }
+    }
+
+    /// Parameters and homing.
+    fn prepare(&mut self) -> Result<()> {
+        self.station.client.configure(&self.run.rig.configuration()?)?;
+        if !self.station.homed()? {
+            self.station.client.home()?;
+        }
+        match self.recorded(|record| matches!(record, Record::Homed { .. })) {
+            Some(record) => {
+                let time = record.controller_us();
+                self.catch_up(time);
+                Ok(())
+            }
+            None => {
+                let controller_us = self.station.clock_us()?;
+                self.journal.append(&Record::Homed { controller_us })
+            }
+        }
+    }
+
+    /// Frames without light, at the shortest and the longest exposure, before the lamp is switched on.
+    fn dark_frames(&mut self) -> Result<()> {
+        let camera = &self.run.rig.camera;
+        let each = self.run.rig.exposure.dark_frames.max(1);
+        let times =
+            [camera.min_exposure_s, camera.max_exposure_s].map(|seconds| vec![seconds; each]).concat();
+        for (index, seconds) in times.into_iter().enumerate() {
+            let is_this = |record: &Record| matches!(record, Record::Dark { index: i, .. } if *i == index);
+            if let Some(record) = self.recorded(is_this) {
+                let time = record.controller_us();
+                self.catch_up(time);
+                continue;
+            }
+            let file = format!("frames/dark-{index:02}.tiff");
+            let shot = Shot { open_s: seconds, warm_lamp: false, key: [0, index as u64, 0] };
+            let exposure = self.photograph(&file, &shot)?;
+            let controller_us = self.station.clock_us()?;
+            self.journal.append(&Record::Dark { index, exposure, controller_us })?;
+        }
+        Ok(())
+    }
+
+    fn warm_up(&mut self) -> Result<()> {
+        self.station.client.lamp(true, 1.0)?;
+        match self.recorded(|record| matches!(record, Record::LampOn { .. })) {
+            Some(record) => {
+                let time = record.controller_us();
+                self.catch_up(time);
+            }
+            None => {
+                let controller_us = self.station.clock_us()?;
+                self.journal.append(&Record::LampOn { controller_us })?;
+            }
+        }
+        let seconds = self.run.rig.lamp.warm_up_s.ceil() as u64;
+        let bar = progress::bar("warming up", seconds, "s");
+        let mut told = 0;
+        self.station.client.wait_until_warm(|left| {
+            let warm = seconds.saturating_sub(u64::from(left));
+            bar.advance(warm.saturating_sub(told));
+            told = told.max(warm);
+        })
+    }
+
+    fn poses(&mut self) -> Result<()> {
+        let recorded = self.run.records.iter().filter_map(|record| match record {
+            Record::Pose { index, .. } => Some(*index),
+            _ => None,
+        });
+        let first = recorded.max().map_or(0, |last| last + 1);
+        if first > 0 {
+            // From the last pose on, everything happens as if the run had never been broken off.
+            self.station.client.move_to(self.run.rig.steps(self.run.plan.poses[first - 1].degrees()))?;
+            let time = self.last_us();
+            self.catch_up(Some(time));
+        }
+        let count = self.run.plan.poses.len();
+        let bar = progress::bar("acquiring", (count - first) as u64, "poses");
+        for index in first..count {
+            self.station.check_interrupt()?;
+            self.pose(index).map_err(|error| error.at(format!("pose {index}")))?;
+            self.taken += 1;
+            bar.advance(1);
+        }
+        Ok(())
+    }
+
+    fn pose(&mut self, index: usize) -> Result<()> {
+        let pose = &self.run.plan.poses[index];
+        self.station.client.move_to(self.run.rig.steps(pose.degrees()))?;
+        let mut exposures = Vec::with_capacity(pose.exposures_s.len());
+        for (number, &open_s) in pose.exposures_s.iter().enumerate() {
+            let file = format!("frames/pose-{index:05}-{number}.tiff");
+            let shot = Shot { open_s, warm_lamp: true, key: [1, index as u64, number as u64] };
+            exposures.push(self.photograph(&file, &shot)?);
+        }
+        let controller_us = self.station.clock_us()?;
+        self.journal.append(&Record::Pose { index, exposures, controller_us })
+    }
+
+    fn photograph(&mut self, file: &str, shot: &Shot) -> Result<ExposureRecord> {
+        let exposure = self.station.photograph(&self.run.path.join(file), shot)?;
+        Ok(ExposureRecord {
+            file: file.into(),
+            open_s: f64::from(exposure.open_us) * 1e-6,
+            lamp_reading: f64::from(exposure.reference_q8) / 256.0,
+        })
+    }
+}

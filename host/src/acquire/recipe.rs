@@ -1,0 +1,215 @@
+//! Material recipes: what lies on a simulated rig's carrier, as a TOML file names it.
+
+use std::path::Path;
+use std::sync::Arc;
+
+use glam::Vec3;
+use lobelia_hil_sim::optics::{Material, Pattern, SampleLayout};
+use serde::{Deserialize, Serialize};
+
+use crate::error::{Error, Result};
+use crate::reflectance::table::{InterpolatedBrdf, MeasuredTable};
+use crate::reflectance::{Lobe, LobeBrdf, Rgb, materials};
+use crate::rig::config::Carrier;
+use crate::toml_file;
+
+/// A sample: materials and their pattern.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Recipe {
+    /// How the materials are laid out.
+    pub pattern: PatternRecipe,
+    /// The materials.
+    #[serde(rename = "material")]
+    pub materials: Vec<MaterialRecipe>,
+}
+
+/// A pattern; lengths in mm.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(tag = "kind", rename_all = "kebab-case", deny_unknown_fields)]
+pub enum PatternRecipe {
+    /// Vertical stripes.
+    Stripes {
+        /// Width of a stripe.
+        width_mm: f64,
+    },
+    /// A board of squares.
+    Checks {
+        /// Edge of a square.
+        size_mm: f64,
+    },
+    /// A plain weave of two thread directions.
+    Weave {
+        /// From thread to thread.
+        pitch_mm: f64,
+    },
+    /// An image whose brightness picks the material.
+    Image {
+        /// The image, relative to the recipe.
+        path: String,
+    },
+}
+
+/// A material: exactly one of `published`, `table` and lobes.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct MaterialRecipe {
+    /// Name of a published lobe material.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub published: Option<String>,
+    /// A measured `.brdf` table, relative to the recipe.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub table: Option<String>,
+    /// Wavelengths taken for R, G and B of a table.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub wavelengths_nm: Option<[f64; 3]>,
+    /// Diffuse reflectance, sr⁻¹.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub rho_d: Option<[f32; 3]>,
+    /// Direction of anisotropy.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub beta_deg: f32,
+    /// The lobes.
+    #[serde(default, rename = "lobe", skip_serializing_if = "Vec::is_empty")]
+    pub lobes: Vec<LobeRecipe>,
+}
+
+fn is_zero(value: &f32) -> bool {
+    *value == 0.0
+}
+
+/// One lobe.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct LobeRecipe {
+    /// ρ_s, sr⁻¹.
+    pub rho_s: [f32; 3],
+    /// Diagonal of C.
+    pub c: [f32; 3],
+    /// Exponent.
+    pub n: f32,
+}
+
+impl Recipe {
+    /// Reads a recipe and lays its sample out on the carrier.
+    ///
+    /// # Errors
+    /// Input errors naming file, key and material.
+    pub fn read(path: &Path, carrier: &Carrier) -> Result<SampleLayout> {
+        let recipe: Self = toml_file::read(path)?;
+        let folder = path.parent().unwrap_or(Path::new("."));
+        recipe.layout(folder, carrier).map_err(|error| error.at(path.display()))
+    }
+
+    /// Lays the sample out; files are relative to `folder`.
+    ///
+    /// # Errors
+    /// Input errors naming the key or material.
+    pub fn layout(&self, folder: &Path, carrier: &Carrier) -> Result<SampleLayout> {
+        if self.materials.is_empty() {
+            return Err(Error::input("the recipe has no material"));
+        }
+        let materials = self
+            .materials
+            .iter()
+            .enumerate()
+            .map(|(k, material)| material.build(folder).map_err(|error| error.at(format!("material {k}"))))
+            .collect::<Result<Vec<_>>>()?;
+        let pattern = self.pattern.build(folder, materials.len())?;
+        Ok(SampleLayout::new(carrier.sample_width_mm, carrier.sample_height_mm, materials, pattern))
+    }
+}
+
+impl PatternRecipe {
+    fn build(&self, folder: &Path, materials: usize) -> Result<Pattern> {
+        let positive = |key: &str, value: f64| {
+            if value > 0.0 && value.is_finite() {
+                return Ok(value);
+            }
+            Err(Error::input(format!("pattern.{key} is {value}, must be above 0")))
+        };
+        Ok(match self {
+            Self::Stripes { width_mm } => Pattern::Stripes { width_mm: positive("width_mm", *width_mm)? },
+            Self::Checks { size_mm } => Pattern::Checks { size_mm: positive("size_mm", *size_mm)? },
+            Self::Weave { pitch_mm } => Pattern::Weave { pitch_mm: positive("pitch_mm", *pitch_mm)? },
+            Self::Image { path } => {
+                Pattern::from_image(&folder.join(path), materials).map_err(Error::input)?
+            }
+        })
+    }
+}
+
+impl MaterialRecipe {
+    fn build(&self, folder: &Path) -> Result<Material> {
+        match (&self.published, &self.table, self.rho_d) {
+            (Some(name), None, None) => {
+                let brdf = materials::published(name).ok_or_else(|| {
+                    let known = materials::NAMES.join(", ");
+                    Error::input(format!("no published material is called `{name}` (known: {known})"))
+                })?;
+                Ok(Material::Lobes(brdf))
+            }
+            (None, Some(table), None) => {
+                let path = folder.join(table);
+                let table = MeasuredTable::read(&path).map_err(|error| Error::input(error.to_string()))?;
+                let brdf =
+                    InterpolatedBrdf::new(&table, self.wavelengths_nm.unwrap_or([650.0, 550.0, 450.0]))
+                        .map_err(|error| Error::input(error.to_string()).at(path.display()))?;
+                Ok(Material::Measured(Arc::new(brdf)))
+            }
+            (None, None, Some(rho_d)) => Ok(Material::Lobes(self.lobe_brdf(rho_d)?)),
+            _ => Err(Error::input(
+                "exactly one of `published`, `table` and `rho_d` (with lobes) must be given",
+            )),
+        }
+    }
+
+    fn lobe_brdf(&self, rho_d: [f32; 3]) -> Result<LobeBrdf> {
+        let finite = |numbers: &[f32]| numbers.iter().all(|x| x.is_finite());
+        let valid = |lobe: &LobeRecipe| finite(&lobe.rho_s) && finite(&lobe.c) && lobe.n > 0.0;
+        if !finite(&rho_d) || !self.lobes.iter().all(valid) {
+            return Err(Error::input("a coefficient is not finite or an exponent not above 0"));
+        }
+        let lobe = |lobe: &LobeRecipe| Lobe {
+            rho_s: Rgb::from_array(lobe.rho_s),
+            c: Vec3::from_array(lobe.c),
+            n: lobe.n,
+        };
+        let brdf = LobeBrdf {
+            rho_d: Rgb::from_array(rho_d),
+            beta: 0.0,
+            lobes: self.lobes.iter().map(lobe).collect(),
+        };
+        Ok(brdf.rotated(self.beta_deg.to_radians()))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_recipe_names_unknown_keys_and_unknown_materials() {
+        let unknown =
+            toml_file::parse::<Recipe>("pattern = { kind = \"checks\", size = 4 }", "m.toml").unwrap_err();
+        assert!(unknown.to_string().contains("size_mm"), "{unknown}");
+        let recipe: Recipe = toml_file::parse(
+            "pattern = { kind = \"checks\", size_mm = 4 }\n[[material]]\npublished = \"velvet\"\n",
+            "m.toml",
+        )
+        .unwrap();
+        let text = recipe.layout(Path::new("."), &Carrier::default()).err().unwrap().to_string();
+        assert!(text.contains("material 0") && text.contains("velvet") && text.contains("felt"), "{text}");
+    }
+
+    #[test]
+    fn lobes_and_published_materials_lie_where_the_pattern_says() {
+        use crate::reflectance::Brdf;
+        let text = "[pattern]\nkind = \"stripes\"\nwidth_mm = 32\n[[material]]\npublished = \"felt\"\n[[material]]\n\
+                    rho_d = [0.1, 0.2, 0.3]\nlobe = [{ rho_s = [1, 1, 1], c = [-1, -1, 1], n = 20 }]\n";
+        let recipe: Recipe = toml_file::parse(text, "m.toml").unwrap();
+        let layout = recipe.layout(Path::new("."), &Carrier::default()).unwrap();
+        let f = layout.at(10.0, 0.0).eval(Vec3::Z, Vec3::Z);
+        assert!((f - Rgb::new(1.1, 1.2, 1.3)).abs().max_element() < 1e-6);
+    }
+}

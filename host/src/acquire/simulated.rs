@@ -1,0 +1,190 @@
+//! The simulated station: the firmware on simulated mechanics, and a camera that photographs a known sample.
+
+use std::fs::OpenOptions;
+use std::io::Write;
+use std::path::Path;
+
+use lobelia_hil_sim::optics::bench::PrintedTag;
+use lobelia_hil_sim::optics::frame::{FrameNotes, write_tiff};
+use lobelia_hil_sim::optics::noise;
+use lobelia_hil_sim::optics::{
+    BenchConfig, CameraModel, OpticalBench, RadianceImage, SampleLayout, SensorModel,
+};
+use lobelia_hil_sim::{AxisMechanics, LampConfig, MechanicsConfig, SimulatedRig};
+use serde::{Deserialize, Serialize};
+
+use super::station::{Camera, Shot, Station};
+use crate::error::{Error, Result};
+use crate::files;
+use crate::rig::RigClient;
+use crate::rig::config::{Axis, RigConfig};
+
+/// Name of the file in a simulated run's folder that says where the axes really were.
+pub const TRUTH_FILE: &str = "truth.jsonl";
+
+/// Where the axes really were for one photograph.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Truth {
+    /// What was photographed: kind (0 dark, 1 pose), pose, exposure.
+    pub key: [u64; 3],
+    /// True angles of pan, tilt, roll and light, rad.
+    pub axes_rad: [f64; 4],
+    /// True radiance of the lamp, relative to nominal.
+    pub lamp_relative: f64,
+}
+
+/// A camera on a simulated rig.
+pub struct SimulatedCamera {
+    rig: SimulatedRig,
+    bench: OpticalBench,
+    seed: u64,
+    f_number: f64,
+    /// The last radiance image and the angles that it belongs to: a bracket's frames share it.
+    last: Option<([f64; 4], RadianceImage)>,
+}
+
+impl SimulatedCamera {
+    /// The rig that the camera looks at.
+    pub fn rig(&self) -> &SimulatedRig {
+        &self.rig
+    }
+
+    /// Writes what the sensor recorded of the exposure just made.
+    pub(super) fn store(&mut self, file: &Path, shot: &Shot) -> Result<()> {
+        let truth =
+            self.rig.last_exposure().ok_or_else(|| Error::failure("the simulated shutter never opened"))?;
+        let stale = self.last.as_ref().is_none_or(|(angles, _)| *angles != truth.axes_rad);
+        if stale {
+            self.last = Some((truth.axes_rad, self.bench.radiance(truth.axes_rad)));
+        }
+        let Some((_, image)) = &self.last else {
+            return Err(Error::failure("the simulated camera has no image"));
+        };
+        let [kind, pose, exposure] = shot.key;
+        let key = noise::combine(&[self.seed, kind, pose, exposure]);
+        let values = self.bench.record(image, truth.lamp_relative, truth.open_s, key);
+        let notes = FrameNotes {
+            exposure_s: truth.open_s,
+            f_number: self.f_number,
+            taken_s: truth.start_us / 1_000_000,
+        };
+        let camera = &self.bench.config().camera;
+        let mut bytes = std::io::Cursor::new(Vec::with_capacity(2 * values.len() + 1024));
+        write_tiff(&mut bytes, camera.width, camera.height, &values, &notes)
+            .map_err(|error| Error::writing(file, error))?;
+        files::write_bytes(file, bytes.get_ref())?;
+        self.note_truth(
+            file,
+            Truth { key: shot.key, axes_rad: truth.axes_rad, lamp_relative: truth.lamp_relative },
+        )
+    }
+
+    /// Appends to the truth file beside the frames' folder.
+    fn note_truth(&self, file: &Path, truth: Truth) -> Result<()> {
+        let folder = file.parent().and_then(Path::parent).unwrap_or(Path::new("."));
+        let path = folder.join(TRUTH_FILE);
+        let mut line = serde_json::to_vec(&truth).map_err(|error| Error::failure(error.to_string()))?;
+        line.push(b'\n');
+        let opened = OpenOptions::new().append(true).create(true).open(&path);
+        opened.and_then(|mut file| file.write_all(&line)).map_err(|error| Error::writing(&path, error))
+    }
+}
+
+/// Reads the truth of a simulated run: the true axis angles a pose.
+///
+/// # Errors
+/// Input errors for a missing or damaged file.
+pub fn read_truth(run: &Path, poses: usize) -> Result<Vec<[f64; 4]>> {
+    let path = run.join(TRUTH_FILE);
+    let mut angles = vec![None; poses];
+    for (index, line) in files::read_text(&path)?.lines().enumerate() {
+        // A line torn by a kill belongs to a photograph that was taken again.
+        let Ok(truth) = serde_json::from_str::<Truth>(line) else { continue };
+        if let ([1, pose, _], true) = (truth.key, truth.key[1] < poses as u64) {
+            angles[pose as usize] = Some(truth.axes_rad);
+        } else if truth.key[0] > 1 {
+            return Err(Error::input(format!("{}, line {}: unknown kind", path.display(), index + 1)));
+        }
+    }
+    let missing = || Error::input(format!("{}: not all poses are there", path.display()));
+    angles.into_iter().collect::<Option<Vec<_>>>().ok_or_else(missing)
+}
+
+/// Builds the bench that `rig.toml` describes, with `sample` on the carrier.
+pub fn bench(config: &RigConfig, sample: SampleLayout) -> OpticalBench {
+    let (camera, simulator) = (&config.camera, &config.simulator);
+    let tags = &config.carrier.tags;
+    let reach = tags.iter().map(|tag| tag.x_mm.abs().max(tag.y_mm.abs())).fold(0.0, f64::max);
+    OpticalBench::new(BenchConfig {
+        camera: CameraModel {
+            width: camera.width,
+            height: camera.height,
+            focal_px: camera.focal_px,
+            principal_px: camera.principal_px,
+            distortion: camera.distortion,
+        },
+        sensor: SensorModel {
+            responsivity: camera.responsivity,
+            black_level: camera.black_level,
+            white_level: camera.white_level,
+            electrons_per_value: simulator.electrons_per_value,
+            read_noise_e: simulator.read_noise_e,
+            dark_e_s: simulator.dark_e_s,
+        },
+        camera_distance_mm: config.geometry.camera_distance_mm,
+        light_radius_mm: config.geometry.light_radius_mm,
+        carrier_offset_mm: config.geometry.carrier_offset_mm,
+        aperture_diameter_mm: config.lamp.aperture_diameter_mm,
+        lamp_radiance: config.lamp.radiance,
+        tag_size_mm: config.carrier.tag_size_mm,
+        carrier_half_mm: reach + config.carrier.tag_size_mm * 0.75,
+        tags: tags.iter().map(|tag| PrintedTag { id: tag.id, centre_mm: [tag.x_mm, tag.y_mm] }).collect(),
+        carrier_albedo: simulator.carrier_albedo,
+        sample,
+    })
+}
+
+/// A simulated rig and its camera with `sample` on the carrier, ready to run.
+///
+/// # Errors
+/// When the simulated controller does not answer.
+pub fn station(config: &RigConfig, sample: SampleLayout) -> Result<Station> {
+    let rig = SimulatedRig::new(&mechanics(config));
+    let camera = SimulatedCamera {
+        rig: rig.clone(),
+        bench: bench(config, sample),
+        seed: config.simulator.seed,
+        f_number: config.camera.f_number,
+        last: None,
+    };
+    let client = RigClient::connect(Box::new(rig.link()))?;
+    Ok(Station::new(client, Camera::Simulated(Box::new(camera))))
+}
+
+/// The simulated mechanics and lamp that `rig.toml` describes.
+pub fn mechanics(config: &RigConfig) -> MechanicsConfig {
+    let simulator = &config.simulator;
+    let axis = |k: usize| {
+        let axis: &Axis = config.axes.in_order()[k];
+        AxisMechanics {
+            degrees_per_step: axis.degrees_per_step,
+            repeatability_deg: if simulator.repeatability { axis.repeatability_deg } else { 0.0 },
+            backlash_deg: simulator.backlash_deg[k],
+            limits_deg: [axis.min_deg, axis.max_deg],
+            home_switch_deg: axis.home_deg,
+            stops_deg: [axis.home_deg - 5.0, axis.max_deg + 10.0],
+            start_deg: 0.5 * (axis.min_deg + axis.max_deg),
+            max_speed_deg_s: axis.max_speed_deg_s,
+            acceleration_deg_s2: axis.acceleration_deg_s2,
+            ..AxisMechanics::pan()
+        }
+    };
+    let lamp = LampConfig {
+        warm_up_time_constant_s: simulator.lamp_time_constant_s,
+        warm_up_s: config.lamp.warm_up_s.ceil() as u16,
+        drift_amplitude: simulator.lamp_drift,
+        photodiode_counts: config.lamp.reference_reading,
+        ..LampConfig::default()
+    };
+    MechanicsConfig { seed: simulator.seed, pan: axis(0), tilt: axis(1), roll: axis(2), light: axis(3), lamp }
+}

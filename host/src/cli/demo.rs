@@ -1,0 +1,51 @@
+//! `lobelia demo`: the whole chain on a simulated rig.
+
+use std::path::PathBuf;
+
+use clap::Args;
+
+use super::Context;
+use crate::demo::{self, Size};
+use crate::error::{Error, Result};
+
+/// Arguments of `lobelia demo`.
+#[derive(Debug, Args)]
+pub(super) struct DemoArgs {
+    /// Folder for all that the demo makes; an earlier demo there is replaced
+    #[arg(long, default_value = "demo-out")]
+    out: PathBuf,
+    /// How much to measure
+    #[arg(long, value_enum, default_value_t = Size::Medium)]
+    size: Size,
+}
+
+/// Runs `lobelia demo`.
+pub(super) fn run(args: &DemoArgs, context: &mut Context) -> Result<()> {
+    clear(&args.out)?;
+    let seed = context.seed;
+    let outcome = demo::run(&args.out, args.size, seed, &mut context.report)?;
+    let _ = &outcome;
+    context.report.finish();
+    context.report.write(&args.out.join("report.json"))?;
+    for stage in &context.report.stages {
+        println!("{:>8.2} s  {}", stage.seconds, stage.name);
+    }
+    for error in &context.report.errors {
+        println!("{} = {:.4} {} ({})", error.name, error.value, error.unit, error.over);
+    }
+    Ok(())
+}
+
+/// Removes an earlier demo; refuses a folder that is something else.
+fn clear(folder: &std::path::Path) -> Result<()> {
+    let empty = || std::fs::read_dir(folder).is_ok_and(|mut entries| entries.next().is_none());
+    if !folder.exists() || empty() {
+        return crate::files::create_folder(folder);
+    }
+    if !folder.join("run").join("journal.jsonl").is_file() {
+        let message = "not empty and no earlier demo; name another folder with --out";
+        return Err(Error::input(format!("{}: {message}", folder.display())));
+    }
+    std::fs::remove_dir_all(folder).map_err(|error| Error::writing(folder, error))?;
+    crate::files::create_folder(folder)
+}

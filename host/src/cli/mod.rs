@@ -1,0 +1,155 @@
+//! The `lobelia` command: one file a subcommand, thin over the library.
+
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+use clap::{Args, CommandFactory, Parser, Subcommand};
+
+use crate::error::{Error, Result};
+use crate::progress;
+use crate::report::Report;
+
+mod acquire;
+#[cfg(feature = "sim")]
+mod demo;
+mod develop;
+mod fit;
+mod plan;
+mod render;
+mod template;
+
+/// Measures how flat materials reflect light at every texel, fits that with a few lobes, and renders it.
+#[derive(Debug, Parser)]
+#[command(name = "lobelia", version, propagate_version = true)]
+struct Cli {
+    #[command(subcommand)]
+    command: Command,
+    #[command(flatten)]
+    global: Global,
+}
+
+/// Options that every subcommand takes.
+#[derive(Debug, Clone, Args)]
+#[command(next_help_heading = "Everywhere")]
+struct Global {
+    /// Seed of every random choice
+    #[arg(long, global = true, default_value_t = 1)]
+    seed: u64,
+    /// Threads to use; all cores when not given
+    #[arg(long, global = true, value_name = "N")]
+    threads: Option<usize>,
+    /// No progress bars and no notes
+    #[arg(long, short, global = true)]
+    quiet: bool,
+    /// More notes on what is done
+    #[arg(long, short, global = true, conflicts_with = "quiet")]
+    verbose: bool,
+    /// Writes what was done, how long it took and how wrong it is, as JSON
+    #[arg(long, global = true, value_name = "FILE.json")]
+    report: Option<PathBuf>,
+}
+
+#[derive(Debug, Subcommand)]
+enum Command {
+    /// Simulates a measurement and runs the whole chain, from poses to a rendered picture and report.html
+    #[cfg(feature = "sim")]
+    Demo(demo::DemoArgs),
+    /// Chooses poses and exposures for a rig
+    Plan(plan::PlanArgs),
+    /// Drives a rig and its camera through a plan
+    Acquire(acquire::AcquireArgs),
+    /// Turns a run's photographs into reflectance at every texel
+    Develop(develop::DevelopArgs),
+    /// Fits lobes to a sampled SBRDF or to a measured table
+    Fit(fit::FitArgs),
+    /// Renders a scene
+    Render(render::RenderArgs),
+    /// Prints a commented example of a file that Lobelia reads
+    Template(template::TemplateArgs),
+    /// Prints a completion script for a shell
+    Completions {
+        /// The shell
+        shell: clap_complete::Shell,
+    },
+}
+
+/// What a subcommand may use besides its own arguments.
+struct Context {
+    seed: u64,
+    quiet: bool,
+    verbose: bool,
+    report: Report,
+}
+
+impl Context {
+    /// A note on stderr for someone who watches; silent with `--quiet`.
+    fn note(&self, text: impl AsRef<str>) {
+        if !self.quiet {
+            eprintln!("{}", text.as_ref());
+        }
+    }
+
+    /// A note that only `--verbose` shows.
+    fn detail(&self, text: impl AsRef<str>) {
+        if self.verbose {
+            eprintln!("{}", text.as_ref());
+        }
+    }
+}
+
+/// Runs the command line and gives the process's exit code: 0, 2 for bad input, 1 for a failure.
+pub fn main() -> ExitCode {
+    let cli = Cli::parse();
+    match run(cli) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            eprintln!("lobelia: {error}");
+            ExitCode::from(error.exit_code())
+        }
+    }
+}
+
+fn run(cli: Cli) -> Result<()> {
+    progress::set_quiet(cli.global.quiet);
+    if let Some(threads) = cli.global.threads {
+        if threads == 0 {
+            return Err(Error::input("--threads must be at least 1"));
+        }
+        rayon::ThreadPoolBuilder::new()
+            .num_threads(threads)
+            .build_global()
+            .map_err(|error| Error::failure(format!("{threads} threads cannot be started: {error}")))?;
+    }
+    let name = std::env::args().nth(1).unwrap_or_default();
+    let Global { seed, quiet, verbose, report, .. } = cli.global;
+    let mut context = Context { seed, quiet, verbose, report: Report::new(&name, seed) };
+    match cli.command {
+        #[cfg(feature = "sim")]
+        Command::Demo(args) => demo::run(&args, &mut context),
+        Command::Plan(args) => plan::run(&args, &mut context),
+        Command::Acquire(args) => acquire::run(&args, &mut context),
+        Command::Develop(args) => develop::run(&args, &mut context),
+        Command::Fit(args) => fit::run(&args, &mut context),
+        Command::Render(args) => render::run(&args, &mut context),
+        Command::Template(args) => template::run(&args),
+        Command::Completions { shell } => {
+            clap_complete::generate(shell, &mut Cli::command(), "lobelia", &mut std::io::stdout());
+            Ok(())
+        }
+    }?;
+    if let Some(path) = report {
+        context.report.finish();
+        context.report.write(&path)?;
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_command_line_is_consistent() {
+        Cli::command().debug_assert();
+    }
+}

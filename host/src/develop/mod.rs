@@ -1,0 +1,187 @@
+//! Photographs to reflectance: brackets to radiance, registration by fiducials, resampling to texels, (3.9) and (3.10).
+
+use std::path::Path;
+
+use glam::{DVec3, Vec3Swizzles};
+use rayon::prelude::*;
+
+use crate::acquire::RunFolder;
+use crate::acquire::journal::{ExposureRecord, Record};
+use crate::error::{Error, Result};
+use crate::progress;
+use crate::rig::config::RigConfig;
+use crate::rig::geometry::pose_geometry;
+use crate::sampled::{PoseGeometry, SampledSbrdf, texel_position_mm};
+
+pub mod camera;
+pub mod fiducials;
+pub mod frame;
+pub mod homography;
+pub mod pose;
+pub mod radiance;
+pub mod reflectance;
+pub mod registration;
+pub mod resample;
+
+use radiance::{BracketedFrame, DarkSignal, MosaicRadiance};
+use registration::Registration;
+use resample::BayerPlanes;
+
+/// A developed run.
+pub struct Developed {
+    /// The reflectance of every texel at every pose.
+    pub sampled: SampledSbrdf,
+    /// How each pose was registered, or why it was rejected.
+    pub registrations: Vec<std::result::Result<Registration, String>>,
+}
+
+/// One developed pose: its geometry, its registration and its reflectance [y, x, rgb].
+type DevelopedPose = (PoseGeometry, std::result::Result<Registration, String>, Vec<f32>);
+
+/// Develops a complete run. Poses whose photographs cannot be registered get weight 0 and no samples.
+///
+/// # Errors
+/// Input errors for missing, truncated or mismatched frames, naming pose and file; for an unfinished run; and when no
+/// pose at all can be registered.
+pub fn run(folder: &Path) -> Result<Developed> {
+    let run = RunFolder::open(folder)?;
+    let config = &run.rig;
+    let dark = dark_signal(&run)?;
+    let poses = recorded_poses(&run)?;
+
+    let bar = progress::bar("developing", poses.len() as u64, "poses");
+    let developed = poses
+        .par_iter()
+        .enumerate()
+        .map(|(index, exposures)| {
+            let pose = develop_pose(&run, index, exposures, &dark);
+            bar.advance(1);
+            pose.map_err(|error| error.at(format!("pose {index}")))
+        })
+        .collect::<Result<Vec<DevelopedPose>>>()?;
+    drop(bar);
+
+    let (width, height) = (config.carrier.texels_across, config.carrier.texels_down());
+    let geometries = developed.iter().map(|(geometry, _, _)| *geometry).collect();
+    let mut sampled = SampledSbrdf::empty(width, height, config.carrier.texel_mm(), geometries);
+    let span = developed.len() * 3;
+    sampled.reflectance.par_chunks_mut(span).enumerate().for_each(|(texel, samples)| {
+        for (sample, (_, _, reflectance)) in samples.chunks_exact_mut(3).zip(&developed) {
+            sample.copy_from_slice(&reflectance[3 * texel..3 * texel + 3]);
+        }
+    });
+    let registrations: Vec<_> = developed.into_iter().map(|(_, registration, _)| registration).collect();
+    if let Some(why) = registrations.iter().all(|r| r.is_err()).then(|| registrations.first()).flatten() {
+        let reason = why.as_ref().err().map_or("", String::as_str);
+        return Err(Error::input(format!("no pose could be registered; pose 0: {reason}")));
+    }
+    Ok(Developed { sampled, registrations })
+}
+
+/// The exposures of every pose of the plan, in the plan's order.
+fn recorded_poses(run: &RunFolder) -> Result<Vec<Vec<ExposureRecord>>> {
+    let mut poses: Vec<Option<Vec<ExposureRecord>>> = vec![None; run.plan.poses.len()];
+    for record in &run.records {
+        if let Record::Pose { index, exposures, .. } = record {
+            let count = poses.len();
+            let place = poses.get_mut(*index);
+            *place.ok_or_else(|| {
+                Error::input(format!("the journal records pose {index}, the plan has {count} poses"))
+            })? = Some(exposures.clone());
+        }
+    }
+    let missing = poses.iter().filter(|pose| pose.is_none()).count();
+    if missing > 0 {
+        let message =
+            format!("{missing} of {} poses are not recorded; continue the run with --resume", poses.len());
+        return Err(Error::input(format!("{}: {message}", run.path.display())));
+    }
+    Ok(poses.into_iter().flatten().collect())
+}
+
+/// The dark signal of the run's dark frames.
+fn dark_signal(run: &RunFolder) -> Result<DarkSignal> {
+    let mut frames = Vec::new();
+    for record in &run.records {
+        if let Record::Dark { exposure, .. } = record {
+            frames.push(read_frame(run, exposure)?);
+        }
+    }
+    DarkSignal::from_frames(&run.rig.camera, &frames).map_err(|error| error.at(run.path.display()))
+}
+
+/// Reads a recorded frame; its EXIF exposure must be the controller's.
+fn read_frame(run: &RunFolder, exposure: &ExposureRecord) -> Result<frame::RawFrame> {
+    let path = run.path.join(&exposure.file);
+    let mut frame = frame::read(&path)?;
+    if (frame.exposure_s / exposure.open_s - 1.0).abs() > 0.02 {
+        let (camera, controller) = (frame.exposure_s, exposure.open_s);
+        let message =
+            format!("its EXIF exposure is {camera} s, the controller opened the shutter for {controller} s");
+        return Err(Error::input(format!("{}: {message}", path.display())));
+    }
+    // The controller's clock is finer than EXIF's rounded shutter speeds.
+    frame.exposure_s = exposure.open_s;
+    Ok(frame)
+}
+
+/// The radiance that a pose's bracket gives.
+///
+/// # Errors
+/// As [`run`].
+pub fn pose_radiance(
+    run: &RunFolder,
+    exposures: &[ExposureRecord],
+    dark: &DarkSignal,
+) -> Result<MosaicRadiance> {
+    let bracket = exposures
+        .iter()
+        .map(|exposure| {
+            let lamp_relative = exposure.lamp_reading / run.rig.lamp.reference_reading;
+            Ok(BracketedFrame { frame: read_frame(run, exposure)?, lamp_relative })
+        })
+        .collect::<Result<Vec<_>>>()?;
+    radiance::merge(&run.rig.camera, dark, &bracket)
+}
+
+fn develop_pose(
+    run: &RunFolder,
+    index: usize,
+    exposures: &[ExposureRecord],
+    dark: &DarkSignal,
+) -> Result<DevelopedPose> {
+    let config = &run.rig;
+    let mosaic = pose_radiance(run, exposures, dark)?;
+    let angles = run.plan.angles(index);
+    Ok(match registration::register(config, &mosaic, &angles) {
+        Ok(registration) => {
+            let geometry = pose_geometry(config, &registration.pose, angles.light);
+            let reflectance = texel_reflectance(config, &mosaic, &registration, &geometry);
+            (geometry, Ok(registration), reflectance)
+        }
+        Err(why) => {
+            let geometry = pose_geometry(config, &registration::from_motors(config, &angles), angles.light);
+            let texels = config.carrier.texels_across * config.carrier.texels_down();
+            (PoseGeometry { weight: 0.0, ..geometry }, Err(why), vec![f32::NAN; 3 * texels])
+        }
+    })
+}
+
+/// The reflectance of every texel under one pose, [y, x, rgb].
+fn texel_reflectance(
+    config: &RigConfig,
+    mosaic: &MosaicRadiance,
+    registration: &Registration,
+    geometry: &PoseGeometry,
+) -> Vec<f32> {
+    let planes = BayerPlanes::new(mosaic);
+    let (width, height) = (config.carrier.texels_across, config.carrier.texels_down());
+    (0..width * height)
+        .flat_map(|texel| {
+            let position: DVec3 = texel_position_mm(width, height, config.carrier.texel_mm(), texel);
+            let radiance = planes.sample(registration.pixel(config, position.xy()));
+            let factor = reflectance::irradiance_factor(config, geometry, position);
+            reflectance::reflectance(config, radiance, factor)
+        })
+        .collect()
+}

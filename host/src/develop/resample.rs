@@ -1,0 +1,100 @@
+//! Bicubic resampling of a Bayer mosaic at points of the sensor: every colour from its own half-resolution plane.
+
+use glam::DVec2;
+
+use super::radiance::MosaicRadiance;
+
+/// The four half-resolution planes of an RGGB mosaic.
+pub struct BayerPlanes {
+    columns: usize,
+    rows: usize,
+    /// Red, green of the red rows, green of the blue rows, blue.
+    planes: [Vec<f32>; 4],
+}
+
+/// Offset of each plane's first pixel in the mosaic.
+const OFFSETS: [(usize, usize); 4] = [(0, 0), (1, 0), (0, 1), (1, 1)];
+
+impl BayerPlanes {
+    /// Splits a mosaic; an odd last row or column is left out.
+    pub fn new(mosaic: &MosaicRadiance) -> Self {
+        let (columns, rows) = (mosaic.width / 2, mosaic.height / 2);
+        let planes = OFFSETS.map(|(dx, dy)| {
+            let at = |k: usize| mosaic.data[(2 * (k / columns) + dy) * mosaic.width + 2 * (k % columns) + dx];
+            (0..columns * rows).map(at).collect()
+        });
+        Self { columns, rows, planes }
+    }
+
+    /// Red, green and blue at a point of the sensor in pixels; NaN when the point is too near the edge or when a
+    /// saturated pixel is among its neighbours.
+    pub fn sample(&self, pixel: DVec2) -> [f32; 3] {
+        let plane = |k: usize| {
+            let (dx, dy) = OFFSETS[k];
+            self.bicubic(k, (pixel.x - dx as f64) / 2.0, (pixel.y - dy as f64) / 2.0)
+        };
+        [plane(0), 0.5 * (plane(1) + plane(2)), plane(3)]
+    }
+
+    /// Catmull–Rom interpolation of one plane.
+    fn bicubic(&self, plane: usize, x: f64, y: f64) -> f32 {
+        let (left, top) = (x.floor(), y.floor());
+        let inside = |first: f64, count: usize| first >= 1.0 && first + 2.0 < count as f64;
+        if !(inside(left, self.columns) && inside(top, self.rows)) {
+            return f32::NAN;
+        }
+        let (wx, wy) = (catmull_rom((x - left) as f32), catmull_rom((y - top) as f32));
+        let (left, top) = (left as usize - 1, top as usize - 1);
+        let data = &self.planes[plane];
+        (0..4)
+            .map(|j| {
+                let start = (top + j) * self.columns + left;
+                let row = &data[start..start + 4];
+                wy[j] * (row[0] * wx[0] + row[1] * wx[1] + row[2] * wx[2] + row[3] * wx[3])
+            })
+            .sum()
+    }
+}
+
+/// Catmull–Rom weights of the four neighbours for a fraction 0..1 between the middle two.
+fn catmull_rom(t: f32) -> [f32; 4] {
+    let (t2, t3) = (t * t, t * t * t);
+    [
+        0.5 * (-t3 + 2.0 * t2 - t),
+        0.5 * (3.0 * t3 - 5.0 * t2 + 2.0),
+        0.5 * (-3.0 * t3 + 4.0 * t2 + t),
+        0.5 * (t3 - t2),
+    ]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn mosaic(value: impl Fn(f64, f64) -> f64) -> MosaicRadiance {
+        let (width, height) = (40, 30);
+        let data =
+            (0..width * height).map(|k| value((k % width) as f64, (k / width) as f64) as f32).collect();
+        MosaicRadiance { width, height, data }
+    }
+
+    #[test]
+    fn quadratic_light_is_resampled_exactly_in_every_colour() {
+        let light = |x: f64, y: f64| 2.0 + 0.3 * x - 0.2 * y + 0.01 * x * x + 0.02 * x * y;
+        let planes = BayerPlanes::new(&mosaic(light));
+        for (x, y) in [(9.3, 11.8), (20.0, 14.0), (15.5, 7.25)] {
+            for value in planes.sample(DVec2::new(x, y)) {
+                assert!((f64::from(value) - light(x, y)).abs() < 1e-4, "{value} {}", light(x, y));
+            }
+        }
+    }
+
+    #[test]
+    fn points_near_the_edge_or_near_saturation_are_not_numbers() {
+        let mut image = mosaic(|_, _| 1.0);
+        assert!(BayerPlanes::new(&image).sample(DVec2::new(0.5, 15.0))[0].is_nan());
+        image.data[14 * 40 + 20] = f32::NAN;
+        let colours = BayerPlanes::new(&image).sample(DVec2::new(21.0, 15.0));
+        assert!(colours[0].is_nan() && !colours[2].is_nan());
+    }
+}

@@ -1,0 +1,119 @@
+//! Small dense systems: Cholesky for the normal equations and non-negative least squares by trying all sets of unknowns.
+//!
+//! The systems have 2 to about 14 unknowns and are solved some millions of times, in buffers of the caller.
+
+/// Solves A x = b for a symmetric positive definite matrix, given row by row, in place: `a` becomes its Cholesky factor and `b`
+/// the solution. False where the matrix is not positive definite.
+pub fn solve_spd(a: &mut [f64], b: &mut [f64]) -> bool {
+    let size = b.len();
+    for i in 0..size {
+        for j in 0..=i {
+            let dot: f64 = (0..j).map(|k| a[i * size + k] * a[j * size + k]).sum();
+            let rest = a[i * size + j] - dot;
+            if i == j {
+                if rest.is_nan() || rest <= 0.0 || !rest.is_finite() {
+                    return false;
+                }
+                a[i * size + i] = rest.sqrt();
+            } else {
+                a[i * size + j] = rest / a[j * size + j];
+            }
+        }
+    }
+    for i in 0..size {
+        let dot: f64 = (0..i).map(|k| a[i * size + k] * b[k]).sum();
+        b[i] = (b[i] - dot) / a[i * size + i];
+    }
+    for i in (0..size).rev() {
+        let dot: f64 = (i + 1..size).map(|k| a[k * size + i] * b[k]).sum();
+        b[i] = (b[i] - dot) / a[i * size + i];
+    }
+    true
+}
+
+/// Most unknowns of [`nnls`].
+pub const MOST_UNKNOWNS: usize = 6;
+
+/// Minimises xᵀ G x − 2 hᵀ x over x ≥ 0 (non-negative least squares by its normal equations). Returns hᵀ x, the part of
+/// the squared data that is explained; `x` is 0 for unknowns at their bound. Up to [`MOST_UNKNOWNS`] unknowns.
+pub fn nnls(gram: &[f64], rhs: &[f64], x: &mut [f64]) -> f64 {
+    let size = rhs.len();
+    debug_assert!(size <= MOST_UNKNOWNS);
+    let mut best = 0.0;
+    x.fill(0.0);
+    let all = (1usize << size) - 1;
+    for set in (1..=all).rev() {
+        let (mut a, mut b) = ([0.0; MOST_UNKNOWNS * MOST_UNKNOWNS], [0.0; MOST_UNKNOWNS]);
+        let mut members = [0; MOST_UNKNOWNS];
+        let mut count = 0;
+        for i in (0..size).filter(|i| set >> i & 1 == 1) {
+            members[count] = i;
+            count += 1;
+        }
+        for i in 0..count {
+            b[i] = rhs[members[i]];
+            for j in 0..count {
+                a[i * count + j] = gram[members[i] * size + members[j]];
+            }
+            a[i * count + i] *= 1.0 + 1e-12;
+        }
+        if !solve_spd(&mut a[..count * count], &mut b[..count]) || b[..count].iter().any(|&x| x < 0.0) {
+            continue;
+        }
+        let explained: f64 = (0..count).map(|i| b[i] * rhs[members[i]]).sum();
+        if explained > best {
+            best = explained;
+            x.fill(0.0);
+            for i in 0..count {
+                x[members[i]] = b[i];
+            }
+        }
+        if set == all {
+            // The unconstrained minimum is feasible: no subset does better.
+            break;
+        }
+    }
+    best
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    #[test]
+    fn a_known_system_is_solved_and_an_indefinite_one_refused() {
+        let mut a = [4.0, 2.0, 2.0, 3.0];
+        let mut b = [10.0, 8.0];
+        assert!(solve_spd(&mut a, &mut b));
+        assert!((b[0] - 1.75).abs() < 1e-12 && (b[1] - 1.5).abs() < 1e-12);
+        assert!(!solve_spd(&mut [1.0, 2.0, 2.0, 1.0], &mut [1.0, 1.0]));
+        assert!(!solve_spd(&mut [f64::NAN], &mut [1.0]));
+    }
+
+    proptest! {
+        #[test]
+        fn non_negative_least_squares_meets_the_optimality_conditions(
+            rows in prop::collection::vec(prop::array::uniform4(-1f64..1.0), 8),
+            data in prop::collection::vec(-1f64..1.0, 8),
+        ) {
+            let mut gram = [0.0; 16];
+            let mut rhs = [0.0; 4];
+            for (row, y) in rows.iter().zip(&data) {
+                for i in 0..4 {
+                    rhs[i] += row[i] * y;
+                    for j in 0..4 {
+                        gram[4 * i + j] += row[i] * row[j];
+                    }
+                }
+            }
+            let mut x = [0.0; 4];
+            nnls(&gram, &rhs, &mut x);
+            for i in 0..4 {
+                let gradient = (0..4).map(|j| gram[4 * i + j] * x[j]).sum::<f64>() - rhs[i];
+                prop_assert!(x[i] >= 0.0);
+                prop_assert!(if x[i] > 0.0 { gradient.abs() < 1e-6 } else { gradient > -1e-6 }, "{i} {gradient} {x:?}");
+            }
+        }
+    }
+}

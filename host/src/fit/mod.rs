@@ -1,0 +1,251 @@
+//! Fits lobes (4.1)–(4.4) to sampled reflectance: texel by texel into an SBRDF map, or to one measured table.
+//!
+//! Two methods. [`Method::Lm`]: shapes by Levenberg–Marquardt on luminance ([`lm`]) from a deterministic search for the start ([`start`]),
+//! then the colours by non-negative least squares ([`albedo`]); any number of lobes up to [`MOST_LOBES`]. [`Method::LineSearch`]: the
+//! published search over n for one lobe ([`line_search`]), above a percentile for ρ_d ([`diffuse`]).
+
+pub mod albedo;
+pub mod diffuse;
+pub mod evaluate;
+pub mod figures;
+pub mod line_search;
+pub mod linear;
+pub mod lm;
+pub mod model;
+pub mod random;
+pub mod samples;
+pub mod start;
+pub mod table;
+#[cfg(test)]
+pub(crate) mod testing;
+#[cfg(test)]
+mod tests;
+pub mod texel;
+
+use rayon::prelude::*;
+
+use crate::error::{Error, Result};
+use crate::progress;
+use crate::reflectance::SbrdfMap;
+use crate::sampled::SampledSbrdf;
+use texel::{TexelFit, Workspace};
+
+/// Most lobes of a fit.
+pub const MOST_LOBES: usize = 3;
+
+/// The percentile for ρ_d that the source uses.
+pub const PERCENTILE: f64 = 10.0;
+
+/// How the shapes are found.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Method {
+    /// Levenberg–Marquardt, any number of lobes.
+    #[default]
+    Lm,
+    /// The published line search over n, one lobe.
+    LineSearch,
+}
+
+impl Method {
+    /// The name on the command line and in reports.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Lm => "lm",
+            Self::LineSearch => "line-search",
+        }
+    }
+}
+
+/// Where ρ_d comes from.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub enum Diffuse {
+    /// An unknown beside the lobes. The line search cannot do that and takes the percentile.
+    #[default]
+    Joint,
+    /// This percentile of the samples, channel by channel.
+    Percentile(f64),
+}
+
+/// The scale on which fitted and measured values are compared: the fit minimises Σ w (g(f̂) − g(f))².
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Residual {
+    /// g(f) = f.
+    #[default]
+    Linear,
+    /// g(f) = f cosθ_o.
+    CosineWeighted,
+    /// g(f) = f / (0.02 sr⁻¹ + measured f): noise that is a share of the value above a small floor.
+    Proportional,
+    /// g(f) = ln(1e-3 + f cosθ_o).
+    Log,
+    /// g(f) = ∛(1e-3 + f cosθ_o): between linear and logarithmic.
+    CubeRoot,
+}
+
+impl Residual {
+    /// All of them.
+    pub const ALL: [Self; 5] =
+        [Self::Linear, Self::CosineWeighted, Self::Proportional, Self::Log, Self::CubeRoot];
+
+    /// Floor of the logarithm and the cube root, sr⁻¹.
+    const FLOOR: f64 = 1e-3;
+    /// Floor of the proportional residual, sr⁻¹: additive noise over relative noise.
+    const NOISE_RATIO: f64 = 0.02;
+
+    /// The name on the command line and in reports.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Linear => "linear",
+            Self::CosineWeighted => "cosine-weighted",
+            Self::Proportional => "proportional",
+            Self::Log => "log",
+            Self::CubeRoot => "cube-root",
+        }
+    }
+
+    /// Whether g is linear in f.
+    pub fn is_linear(self) -> bool {
+        matches!(self, Self::Linear | Self::CosineWeighted | Self::Proportional)
+    }
+
+    /// g and dg/df at a value; the proportional residual's share is in [`Self::own_weight`].
+    #[inline]
+    pub fn transform(self, value: f64, cos_o: f64) -> (f64, f64) {
+        let above = || Self::FLOOR + value.max(0.0) * cos_o;
+        match self {
+            Self::Linear | Self::Proportional => (value, 1.0),
+            Self::CosineWeighted => (value * cos_o, cos_o),
+            Self::Log => (above().ln(), cos_o / above()),
+            Self::CubeRoot => {
+                let root = above().cbrt();
+                (root, cos_o / (3.0 * root * root))
+            }
+        }
+    }
+
+    /// The weight that depends on the measured value.
+    pub fn own_weight(self, measured: f64) -> f64 {
+        match self {
+            Self::Proportional => 1.0 / (Self::NOISE_RATIO + measured.max(0.0)),
+            _ => 1.0,
+        }
+    }
+}
+
+/// How texels are fitted.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct FitOptions {
+    /// Lobes, 0 (diffuse only) to [`MOST_LOBES`].
+    pub lobes: usize,
+    /// Method.
+    pub method: Method,
+    /// Cx = Cy and β = 0.
+    pub isotropic: bool,
+    /// Source of ρ_d.
+    pub diffuse: Diffuse,
+    /// Scale of comparison.
+    pub residual: Residual,
+}
+
+impl Default for FitOptions {
+    fn default() -> Self {
+        Self {
+            lobes: 1,
+            method: Method::Lm,
+            isotropic: true,
+            diffuse: Diffuse::Joint,
+            residual: Residual::Proportional,
+        }
+    }
+}
+
+impl FitOptions {
+    /// Refuses what no method can do.
+    ///
+    /// # Errors
+    /// Too many lobes, more than one with the line search, or a percentile outside 0..100.
+    pub fn check(&self) -> Result<()> {
+        if self.lobes > MOST_LOBES {
+            return Err(Error::input(format!(
+                "{} lobes were asked for; at most {MOST_LOBES} can be fitted",
+                self.lobes
+            )));
+        }
+        if self.method == Method::LineSearch && self.lobes > 1 {
+            return Err(Error::input(format!(
+                "the line search fits one lobe, not {}; use --method lm for more",
+                self.lobes
+            )));
+        }
+        match self.diffuse {
+            Diffuse::Percentile(percentile) if !(0.0..=100.0).contains(&percentile) => {
+                Err(Error::input(format!("percentile {percentile} for ρ_d lies outside 0 to 100")))
+            }
+            _ => Ok(()),
+        }
+    }
+}
+
+/// Fits every texel in parallel. Beside the coefficients the map has the planes `error.rms` (sr⁻¹), `error.relative` and
+/// `samples` (valid ones a texel). The result is the same byte for byte whatever the number of threads.
+///
+/// # Errors
+/// Input errors: options that no method can do, or not one valid sample in any texel.
+pub fn fit_sbrdf(sampled: &SampledSbrdf, options: &FitOptions) -> Result<SbrdfMap> {
+    options.check()?;
+    let bar = progress::bar("fitting", sampled.texels() as u64, "texels");
+    let fits: Vec<TexelFit> = (0..sampled.texels())
+        .into_par_iter()
+        .with_min_len(16)
+        .map_init(Workspace::default, |workspace, index| {
+            load(&mut workspace.samples, sampled, index);
+            let fit = texel::fit(workspace, options);
+            bar.advance(1);
+            fit
+        })
+        .collect();
+    if fits.iter().all(|fit| fit.samples == 0) {
+        return Err(Error::input("the sampled SBRDF has no valid sample in any texel"));
+    }
+    Ok(map_of(sampled, options, &fits))
+}
+
+/// The samples of texel `index`.
+fn load(samples: &mut samples::Samples, sampled: &SampledSbrdf, index: usize) {
+    samples.clear();
+    for (pose, rgb) in sampled.samples(index).enumerate() {
+        if rgb.is_finite() {
+            let (wi, wo) = sampled.directions(index, pose);
+            samples.push_rgb(wi, wo, rgb, sampled.poses[pose].weight);
+        }
+    }
+}
+
+/// The map of the fits, with planes of errors and provenance.
+fn map_of(sampled: &SampledSbrdf, options: &FitOptions, fits: &[TexelFit]) -> SbrdfMap {
+    let mut map = SbrdfMap::new(sampled.width, sampled.height, options.lobes);
+    for (index, fit) in fits.iter().enumerate() {
+        map.set(index, &fit.brdf);
+    }
+    let mut plane = |name: &str, value: fn(&TexelFit) -> f32| {
+        map.extra.insert(name.into(), fits.iter().map(value).collect());
+    };
+    plane("error.rms", |fit| fit.rms as f32);
+    plane("error.relative", |fit| fit.relative as f32);
+    plane("samples", |fit| fit.samples as f32);
+    let diffuse = match options.diffuse {
+        Diffuse::Joint if options.method == Method::Lm => "joint".to_string(),
+        Diffuse::Joint => format!("percentile {PERCENTILE}"),
+        Diffuse::Percentile(percentile) => format!("percentile {percentile}"),
+    };
+    for (key, value) in [
+        ("fit.method", options.method.name().to_string()),
+        ("fit.residual", options.residual.name().to_string()),
+        ("fit.diffuse", diffuse),
+        ("fit.isotropic", options.isotropic.to_string()),
+        ("texel_mm", sampled.texel_mm.to_string()),
+    ] {
+        map.attributes.insert(key.into(), value);
+    }
+    map
+}

@@ -1,0 +1,281 @@
+//! Fits one measured table, wavelength by wavelength with lobes of its own each, and says how well it predicts held-out rows.
+//!
+//! Tables of paint are isotropic: Cx = Cy and β = 0.
+
+use rayon::prelude::*;
+
+use super::figures::ErrorFigure;
+use super::lm::{Freedom, Optimiser, Outcome};
+use super::model::Model;
+use super::random::Random;
+use super::samples::{Samples, Target};
+use super::start::{Effort, Problem, Search};
+use super::{Method, PERCENTILE, Residual, diffuse, evaluate, line_search};
+use crate::error::{Error, Result};
+use crate::reflectance::{LobeBrdf, MeasuredTable, Rgb};
+
+/// Rows whose incidence is this near a held-out angle are left out, degrees.
+pub const HOLD_OUT_WIDTH_DEG: f64 = 0.5;
+
+/// How a table is fitted.
+#[derive(Debug, Clone, PartialEq)]
+pub struct TableOptions {
+    /// Method; the line search fits one lobe.
+    pub method: Method,
+    /// Scale of comparison.
+    pub residual: Residual,
+    /// Incidences that the fit does not see, degrees.
+    pub hold_out_theta_deg: Vec<f64>,
+    /// Random starts to compare the deterministic search with; 0 for none.
+    pub random_starts: usize,
+    /// Seed of the random starts.
+    pub seed: u64,
+}
+
+/// Errors over some rows.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Errors {
+    /// See [`evaluate::log_rms`].
+    pub log_rms: f64,
+    /// See [`evaluate::relative_l2`].
+    pub relative_l2: f64,
+    /// Rows.
+    pub rows: usize,
+}
+
+/// The fit of one wavelength.
+#[derive(Debug, Clone, PartialEq)]
+pub struct WavelengthFit {
+    /// Wavelength, nm.
+    pub wavelength_nm: f64,
+    /// Lobes that were asked for; black ones stay in the model.
+    pub lobes: usize,
+    /// The lobes.
+    pub model: Model,
+    /// Cost and convergence.
+    pub outcome: Outcome,
+    /// Over the rows that the fit saw.
+    pub training: Errors,
+    /// Over the rows that it did not.
+    pub held_out: Option<Errors>,
+    /// Cost over the best cost of the random starts.
+    pub start_ratio: Option<f64>,
+}
+
+/// The rows of a table that a fit sees and those that it does not.
+struct Split {
+    training: Samples,
+    held_out: Samples,
+}
+
+fn split(table: &MeasuredTable, values: &[f64], hold_out_theta_deg: &[f64]) -> Split {
+    let mut split = Split { training: Samples::default(), held_out: Samples::default() };
+    for (row, &value) in table.rows.iter().zip(values) {
+        let theta = row.theta_i.to_degrees();
+        let held = hold_out_theta_deg.iter().any(|held| (held - theta).abs() <= HOLD_OUT_WIDTH_DEG);
+        let side = if held { &mut split.held_out } else { &mut split.training };
+        side.push_value(row.wi(), row.wo(), value, 1.0);
+    }
+    split
+}
+
+fn errors(samples: &Samples, model: &Model) -> Errors {
+    let triples =
+        || (0..samples.len()).map(|k| (model.value(samples, k), samples.value[k], samples.cos_o[k]));
+    Errors {
+        log_rms: evaluate::log_rms(triples()),
+        relative_l2: evaluate::relative_l2(triples()),
+        rows: samples.len(),
+    }
+}
+
+/// Fits a table at every wavelength with every number of lobes, in parallel; sorted by wavelength as given, then by lobes.
+///
+/// # Errors
+/// Input errors: a wavelength outside the table, nothing left to fit or nothing held out at an angle that was asked for.
+pub fn fit(
+    table: &MeasuredTable,
+    wavelengths_nm: &[f64],
+    lobes: &[usize],
+    options: &TableOptions,
+) -> Result<Vec<WavelengthFit>> {
+    check(table, lobes, options)?;
+    let mut cases = Vec::new();
+    for &wavelength_nm in wavelengths_nm {
+        let values = table.at_wavelength(wavelength_nm).map_err(|error| Error::input(error.to_string()))?;
+        cases.extend(lobes.iter().map(|&lobes| (wavelength_nm, values.clone(), lobes)));
+    }
+    Ok(cases
+        .into_par_iter()
+        .map(|(wavelength_nm, values, lobes)| one(table, wavelength_nm, &values, lobes, options))
+        .collect())
+}
+
+fn check(table: &MeasuredTable, lobes: &[usize], options: &TableOptions) -> Result<()> {
+    for &lobes in lobes {
+        super::FitOptions { lobes, method: options.method, ..Default::default() }.check()?;
+    }
+    let near = |row: &crate::reflectance::table::TableRow, held: f64| {
+        (row.theta_i.to_degrees() - held).abs() <= HOLD_OUT_WIDTH_DEG
+    };
+    for &held in &options.hold_out_theta_deg {
+        if !table.rows.iter().any(|row| near(row, held)) {
+            return Err(Error::input(format!(
+                "no row of the table has an incidence within {HOLD_OUT_WIDTH_DEG}° of the held-out {held}°"
+            )));
+        }
+    }
+    if table.rows.iter().all(|row| options.hold_out_theta_deg.iter().any(|&held| near(row, held))) {
+        return Err(Error::input("every row of the table is held out; nothing is left to fit"));
+    }
+    Ok(())
+}
+
+fn one(
+    table: &MeasuredTable,
+    wavelength_nm: f64,
+    values: &[f64],
+    lobes: usize,
+    options: &TableOptions,
+) -> WavelengthFit {
+    let Split { training, held_out } = split(table, values, &options.hold_out_theta_deg);
+    let mut target = Target::default();
+    target.set(&training, training.value.iter().copied(), options.residual);
+    let mut optimiser = Optimiser::default();
+    let freedom = Freedom { isotropic: true, diffuse: true };
+    let problem = Problem { samples: &training, target: &target, freedom, fixed_diffuse: 0.0 };
+    let mut start_ratio = None;
+    let (model, outcome) = if options.method == Method::LineSearch && lobes > 0 {
+        let rho_d = diffuse::percentile(&mut training.value.clone(), PERCENTILE);
+        let model = line_search::fit(&training, &target, rho_d, freedom);
+        let cost = optimiser.evaluate(&training, &target, &model);
+        (model, Outcome { cost, iterations: 0, converged: true })
+    } else {
+        let found = Search::default().best(&mut optimiser, &problem, lobes, Effort::TABLE);
+        if options.random_starts > 0 {
+            let mut random = Random::new(options.seed);
+            let limits = Effort::TABLE.limits;
+            let best =
+                problem.best_of_random(&mut optimiser, lobes, options.random_starts, limits, &mut random);
+            start_ratio = Some(found.1.cost / best.max(f64::MIN_POSITIVE));
+        }
+        found
+    };
+    WavelengthFit {
+        wavelength_nm,
+        lobes,
+        training: errors(&training, &model),
+        held_out: (!held_out.is_empty()).then(|| errors(&held_out, &model)),
+        model,
+        outcome,
+        start_ratio,
+    }
+}
+
+/// The BRDF of three fits for red, green and blue: every lobe is seen in its own channel only.
+pub fn brdf(red_green_blue: [&WavelengthFit; 3]) -> LobeBrdf {
+    let mut brdf = LobeBrdf::default();
+    for (channel, fit) in red_green_blue.into_iter().enumerate() {
+        brdf.rho_d[channel] = fit.model.diffuse as f32;
+        for lobe in fit.model.lobes.iter().filter(|lobe| lobe.amplitude > 0.0) {
+            let mut rho_s = Rgb::ZERO;
+            rho_s[channel] = lobe.amplitude as f32;
+            brdf.lobes.push(lobe.to_lobe(rho_s));
+        }
+    }
+    brdf
+}
+
+/// The figures of a list of fits, as reports hold them.
+pub fn figures(fits: &[WavelengthFit], options: &TableOptions) -> Vec<ErrorFigure> {
+    let mut figures = Vec::new();
+    for fit in fits {
+        let mut add = |name: &str, value: f64, over: String| {
+            figures.push(
+                ErrorFigure::new(name, value, "1", over)
+                    .with("lobes", fit.lobes)
+                    .with("wavelength_nm", fit.wavelength_nm)
+                    .with("method", options.method.name())
+                    .with("residual", options.residual.name()),
+            );
+        };
+        let over = |errors: &Errors, what: &str| format!("{} {what} rows", errors.rows);
+        add("training_log_rms", fit.training.log_rms, over(&fit.training, "training"));
+        add("training_relative_l2", fit.training.relative_l2, over(&fit.training, "training"));
+        if let Some(held_out) = &fit.held_out {
+            add("held_out_log_rms", held_out.log_rms, over(held_out, "held-out"));
+            add("held_out_relative_l2", held_out.relative_l2, over(held_out, "held-out"));
+        }
+        if let Some(ratio) = fit.start_ratio {
+            let over = format!("best cost of {} random starts", options.random_starts);
+            add("start_cost_ratio", ratio, over);
+        }
+    }
+    figures
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::reflectance::table::TableRow;
+    use crate::reflectance::{Brdf, Lobe};
+    use glam::Vec3;
+
+    fn options() -> TableOptions {
+        TableOptions {
+            method: Method::Lm,
+            residual: Residual::Log,
+            hold_out_theta_deg: vec![30.0],
+            random_starts: 4,
+            seed: 1,
+        }
+    }
+
+    /// A table of a known material with one lobe at incidences 10° … 70°.
+    fn table() -> MeasuredTable {
+        let lobe = Lobe { rho_s: Rgb::splat(0.8), c: Vec3::new(-0.95, -0.95, 0.9), n: 30.0 };
+        let truth = LobeBrdf { rho_d: Rgb::splat(0.05), beta: 0.0, lobes: vec![lobe] };
+        let mut rows = Vec::new();
+        for (i, o, p) in (1..8)
+            .flat_map(|i| (0..8).flat_map(move |o| (0..9).map(move |p| (f64::from(i), f64::from(o), p))))
+        {
+            let (theta_i, theta_o) = (i * 10f64.to_radians(), o * 10f64.to_radians());
+            let phi_o = f64::from(p) / 8.0 * std::f64::consts::PI;
+            let mut row = TableRow { theta_i, phi_i: 0.0, theta_o, phi_o, values: vec![] };
+            let f = f64::from(truth.eval(row.wi().as_vec3(), row.wo().as_vec3()).x);
+            row.values = vec![f, 2.0 * f];
+            rows.push(row);
+        }
+        MeasuredTable { wavelengths_nm: vec![400.0, 600.0], rows }
+    }
+
+    #[test]
+    fn a_table_of_one_lobe_is_recovered_and_predicts_the_held_out_incidence() {
+        let fits = fit(&table(), &[400.0, 500.0, 600.0], &[0, 1], &options()).unwrap();
+        assert_eq!(fits.len(), 6);
+        let one = &fits[3];
+        assert_eq!((one.wavelength_nm, one.lobes), (500.0, 1));
+        let held_out = one.held_out.unwrap();
+        assert_eq!(held_out.rows, 72);
+        assert!(held_out.log_rms < 1e-3 && held_out.relative_l2 < 1e-3, "{one:?}");
+        assert!((one.model.lobes[0].n - 30.0).abs() < 0.1);
+        assert!(fits[2].held_out.unwrap().relative_l2 > 0.1);
+        let brdf = brdf([&fits[5], &fits[3], &fits[1]]);
+        assert!((brdf.rho_d - Rgb::new(0.1, 0.075, 0.05)).abs().max_element() < 1e-3, "{brdf:?}");
+        let figures = figures(&fits, &options());
+        assert_eq!(figures.iter().filter(|figure| figure.name == "held_out_log_rms").count(), 6);
+        let json = serde_json::to_value(&figures[0]).unwrap();
+        assert_eq!(json["wavelength_nm"], 400.0);
+    }
+
+    #[test]
+    fn held_out_angles_that_leave_nothing_are_refused() {
+        let refused = |angles: Vec<f64>, wavelength: f64| {
+            let options = TableOptions { hold_out_theta_deg: angles, ..options() };
+            fit(&table(), &[wavelength], &[1], &options).unwrap_err().to_string()
+        };
+        assert!(refused(vec![35.0], 400.0).contains("held-out 35°"));
+        assert!(refused((1..8).map(|i| f64::from(i) * 10.0).collect(), 400.0).contains("nothing is left"));
+        assert!(refused(vec![], 399.0).contains("399 nm"));
+    }
+}

@@ -1,0 +1,169 @@
+//! The fit of whole texels and maps against materials that are known.
+
+use super::lm::{Freedom, Optimiser};
+use super::random::Random;
+use super::samples::Target;
+use super::start::{Effort, Problem, Search};
+use super::testing::{directions, material, measured, relative_error};
+use super::texel::{self, Workspace};
+use super::*;
+use crate::reflectance::{Brdf, Lobe, LobeBrdf, Rgb, materials};
+use crate::sampled::PoseGeometry;
+
+/// Errors against unposed pairs of directions of `count` texels with noise, sorted.
+fn errors(count: u64, options: &FitOptions, material: impl Fn(&mut Random) -> LobeBrdf) -> Vec<f64> {
+    let mut workspace = Workspace::default();
+    let mut errors: Vec<f64> = (0..count)
+        .map(|seed| {
+            let mut random = Random::new(seed);
+            let truth = material(&mut random);
+            workspace.samples = measured(&directions(200, seed + 1000), &truth, 0.08, &mut random);
+            let fit = texel::fit(&mut workspace, options);
+            relative_error(&fit.brdf, &truth, &directions(500, seed + 5000))
+        })
+        .collect();
+    errors.sort_by(f64::total_cmp);
+    errors
+}
+
+fn median(sorted: &[f64]) -> f64 {
+    sorted[sorted.len() / 2]
+}
+
+#[test]
+fn one_and_two_lobe_texels_with_noise_come_back_within_one_and_a_half_percent() {
+    for lobes in [1, 2] {
+        let options = FitOptions { lobes, ..Default::default() };
+        let errors = errors(60, &options, |random| material(lobes, random));
+        println!("{lobes} lobes: {errors:.4?}");
+        println!("{lobes} lobes: median {:.4}, 90 % {:.4}", median(&errors), errors[54]);
+        assert!(median(&errors) < 0.015, "{lobes} lobes: {errors:?}");
+    }
+}
+
+#[test]
+fn felt_comes_back_with_three_lobes() {
+    let options = FitOptions { lobes: 3, ..Default::default() };
+    let errors = errors(10, &options, |_| materials::published("felt").unwrap());
+    println!("felt: median {:.4}, worst {:.4}", median(&errors), errors[9]);
+    assert!(median(&errors) < 0.03, "{errors:?}");
+}
+
+#[test]
+fn the_deterministic_start_is_as_good_as_many_random_ones() {
+    let (mut optimiser, mut search) = (Optimiser::default(), Search::default());
+    let mut within = 0;
+    for seed in 0..20 {
+        let mut random = Random::new(seed);
+        let truth = material(2, &mut random);
+        let samples = measured(&directions(200, seed + 100), &truth, 0.08, &mut random);
+        let mut target = Target::default();
+        target.set(&samples, samples.value.iter().copied(), FitOptions::default().residual);
+        let freedom = Freedom { isotropic: true, diffuse: true };
+        let problem = Problem { samples: &samples, target: &target, freedom, fixed_diffuse: 0.0 };
+        let (_, found) = search.best(&mut optimiser, &problem, 2, Effort::TEXEL);
+        let best = problem.best_of_random(&mut optimiser, 2, 64, Effort::TEXEL.limits, &mut random);
+        within += usize::from(found.cost <= 1.02 * best);
+    }
+    assert!(within >= 19, "{within} of 20 texels within 2 %");
+}
+
+#[test]
+fn an_anisotropic_texel_keeps_its_direction() {
+    let mut workspace = Workspace::default();
+    for seed in 0..8 {
+        let mut random = Random::new(seed);
+        let beta = random.uniform(-0.75, 0.75) as f32;
+        let lobe = Lobe { rho_s: Rgb::new(0.5, 0.4, 0.2), c: glam::Vec3::new(-1.0, -0.8, 0.95), n: 25.0 };
+        let truth = LobeBrdf { rho_d: Rgb::splat(0.05), beta, lobes: vec![lobe] };
+        workspace.samples = measured(&directions(250, seed + 50), &truth, 0.08, &mut random);
+        let options = FitOptions { isotropic: false, ..Default::default() };
+        let fit = texel::fit(&mut workspace, &options);
+        let error = relative_error(&fit.brdf, &truth, &directions(500, seed + 70));
+        assert!((fit.brdf.beta - beta).abs() < 0.03 && error < 0.02, "{error} {beta} {fit:?}");
+    }
+}
+
+/// A sampled SBRDF of two materials side by side, with a texel that has no valid sample and one that has three.
+fn sampled() -> SampledSbrdf {
+    let poses = directions(60, 1).into_iter().map(|(wi, wo)| PoseGeometry {
+        light_mm: wi.as_dvec3() * 900.0,
+        camera_mm: wo.as_dvec3() * 1000.0,
+        weight: 1.0,
+    });
+    let mut sampled = SampledSbrdf::empty(8, 6, 1.0, poses.collect());
+    let mut random = Random::new(3);
+    let materials = [material(1, &mut random), material(1, &mut random)];
+    for index in 0..sampled.texels() {
+        for pose in 0..60 {
+            let (wi, wo) = sampled.directions(index, pose);
+            let valid = index > 1 || (index == 1 && pose < 3);
+            if valid {
+                let f = materials[index % 2].eval(wi, wo);
+                let at = (index * 60 + pose) * 3;
+                sampled.reflectance[at..at + 3].copy_from_slice(&f.to_array());
+            }
+        }
+    }
+    sampled
+}
+
+#[test]
+fn a_map_does_not_depend_on_the_number_of_threads() {
+    let sampled = sampled();
+    let options = FitOptions { lobes: 2, ..Default::default() };
+    let with = |threads: usize| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        pool.install(|| fit_sbrdf(&sampled, &options)).unwrap()
+    };
+    assert_eq!(with(1), with(3));
+}
+
+#[test]
+fn texels_without_or_with_few_samples_stay_finite_and_say_so() {
+    let map = fit_sbrdf(&sampled(), &FitOptions::default()).unwrap();
+    assert_eq!(map.texel(0), LobeBrdf::default());
+    assert_eq!(map.extra["samples"][..3], [0.0, 3.0, 60.0]);
+    assert!(map.texel(1).lobes.is_empty());
+    assert!(map.extra["error.relative"][2..].iter().all(|&error| error < 1e-3), "{:?}", map.extra);
+    let empty = SampledSbrdf::empty(2, 2, 1.0, sampled().poses);
+    assert_eq!(fit_sbrdf(&empty, &FitOptions::default()).unwrap_err().exit_code(), 2);
+}
+
+#[test]
+fn a_negative_mean_and_a_black_texel_fit_to_black() {
+    let mut workspace = Workspace::default();
+    for value in [0.0, -1e-4] {
+        workspace.samples = testing::samples(&directions(50, 2), |_, _| Rgb::splat(value));
+        for method in [Method::Lm, Method::LineSearch] {
+            let fit = texel::fit(&mut workspace, &FitOptions { method, ..Default::default() });
+            assert!(fit.brdf.rho_d.max_element() <= 1e-6, "{fit:?}");
+            assert!(fit.brdf.lobes.iter().all(|lobe| lobe.rho_s.max_element() <= 1e-6), "{fit:?}");
+        }
+    }
+}
+
+#[test]
+fn what_no_method_can_do_is_refused() {
+    let refused = |options: FitOptions| options.check().unwrap_err().to_string();
+    assert!(refused(FitOptions { lobes: 4, ..Default::default() }).contains("at most 3"));
+    let line = FitOptions { lobes: 2, method: Method::LineSearch, ..Default::default() };
+    assert!(refused(line).contains("--method lm"));
+    let percentile = FitOptions { diffuse: Diffuse::Percentile(120.0), ..Default::default() };
+    assert!(refused(percentile).contains("120"));
+}
+
+#[test]
+fn the_percentile_keeps_its_value_in_the_fit() {
+    let mut random = Random::new(1);
+    let truth = material(1, &mut random);
+    let mut workspace = Workspace::default();
+    workspace.samples = measured(&directions(200, 1), &truth, 0.0, &mut random);
+    let mut red: Vec<f64> = workspace.samples.rgb.iter().map(|rgb| rgb[0]).collect();
+    let expected = diffuse::percentile(&mut red, 10.0);
+    for method in [Method::Lm, Method::LineSearch] {
+        let options = FitOptions { diffuse: Diffuse::Percentile(10.0), method, ..Default::default() };
+        let fit = texel::fit(&mut workspace, &options);
+        assert!((f64::from(fit.brdf.rho_d.x) - expected).abs() < 1e-6);
+    }
+}

@@ -1,0 +1,139 @@
+//! The machine-readable report that every command can write (`--report FILE.json`).
+
+use std::path::Path;
+use std::time::Instant;
+
+use serde::Serialize;
+use serde_json::{Map, Value, json};
+
+use crate::acquire::sha256;
+use crate::error::{Error, Result};
+use crate::files;
+use crate::fit::figures::ErrorFigure;
+
+/// What a command did, with what, how long it took and how wrong it is.
+#[derive(Debug, Clone, Serialize)]
+pub struct Report {
+    /// Version of the program.
+    pub lobelia: String,
+    /// The subcommand.
+    pub command: String,
+    /// The command line after the program's name.
+    pub arguments: Vec<String>,
+    /// Seed of every random choice.
+    pub seed: u64,
+    /// The machine.
+    pub machine: Machine,
+    /// Files read, with their hashes.
+    pub inputs: Vec<Input>,
+    /// Stages in order.
+    pub stages: Vec<Stage>,
+    /// Most memory that the process held, bytes; 0 where the system does not tell.
+    pub peak_memory_bytes: u64,
+    /// Errors.
+    pub errors: Vec<ErrorFigure>,
+    /// Counts and rates.
+    pub figures: Map<String, Value>,
+}
+
+/// The machine that a report was made on.
+#[derive(Debug, Clone, Serialize)]
+pub struct Machine {
+    /// Processor.
+    pub cpu: String,
+    /// Threads that the program may use.
+    pub cores: usize,
+    /// Adapter of the GPU, when one was used.
+    pub gpu: Option<String>,
+}
+
+/// A file that was read.
+#[derive(Debug, Clone, Serialize)]
+pub struct Input {
+    /// As named by the user.
+    pub path: String,
+    /// Hash of the file; for a folder, none.
+    pub sha256: Option<String>,
+}
+
+/// A stage and its duration.
+#[derive(Debug, Clone, Serialize)]
+pub struct Stage {
+    /// Name.
+    pub name: String,
+    /// Duration, s.
+    pub seconds: f64,
+}
+
+impl Report {
+    /// An empty report of this process's command.
+    pub fn new(command: &str, seed: u64) -> Self {
+        Self {
+            lobelia: env!("CARGO_PKG_VERSION").into(),
+            command: command.into(),
+            arguments: std::env::args().skip(1).collect(),
+            seed,
+            machine: Machine { cpu: cpu_name(), cores: rayon::current_num_threads(), gpu: None },
+            inputs: Vec::new(),
+            stages: Vec::new(),
+            peak_memory_bytes: 0,
+            errors: Vec::new(),
+            figures: Map::new(),
+        }
+    }
+
+    /// Runs a stage and notes its duration, also when it fails.
+    pub fn stage<T>(&mut self, name: &str, work: impl FnOnce() -> T) -> T {
+        let start = Instant::now();
+        let result = work();
+        self.stages.push(Stage { name: name.into(), seconds: start.elapsed().as_secs_f64() });
+        result
+    }
+
+    /// Notes an input and, for a file, its hash.
+    pub fn input(&mut self, path: &Path) {
+        let sha256 = std::fs::read(path).ok().map(|bytes| sha256(&bytes));
+        self.inputs.push(Input { path: path.display().to_string(), sha256 });
+    }
+
+    /// Notes a count or a rate.
+    pub fn figure(&mut self, name: &str, value: impl Into<Value>) {
+        self.figures.insert(name.into(), value.into());
+    }
+
+    /// Seconds of all stages.
+    pub fn seconds(&self) -> f64 {
+        self.stages.iter().map(|stage| stage.seconds).sum()
+    }
+
+    /// Notes the peak of memory so far; called last.
+    pub fn finish(&mut self) {
+        self.peak_memory_bytes = peak_memory_bytes();
+    }
+
+    /// Writes the report.
+    ///
+    /// # Errors
+    /// When the disk refuses.
+    pub fn write(&self, path: &Path) -> Result<()> {
+        let text = serde_json::to_vec_pretty(&json!(self))
+            .map_err(|error| Error::failure(format!("the report cannot be written: {error}")))?;
+        files::write_bytes(path, &text)
+    }
+}
+
+/// The processor's name as Linux tells it, or the architecture.
+fn cpu_name() -> String {
+    let info = std::fs::read_to_string("/proc/cpuinfo").unwrap_or_default();
+    let name =
+        info.lines().find(|line| line.starts_with("model name")).and_then(|line| line.split(": ").nth(1));
+    name.unwrap_or(std::env::consts::ARCH).to_string()
+}
+
+/// The process's largest resident set, bytes, as Linux tells it; 0 elsewhere.
+fn peak_memory_bytes() -> u64 {
+    let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
+    let line = status.lines().find_map(|line| line.strip_prefix("VmHWM:"));
+    let kib = line.and_then(|text| text.trim().trim_end_matches("kB").trim().parse::<u64>().ok());
+    kib.unwrap_or(0) * 1024
+}

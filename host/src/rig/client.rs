@@ -1,0 +1,293 @@
+//! The client of the rig's controller: typed requests, repeated under the same id until they are answered.
+//!
+//! A request is sent again whenever nothing came for a while. The controller runs each id once and answers repetitions from
+//! memory, or says that it is still at it; so a lost byte costs time and nothing else. The client keeps no clock: it
+//! counts reads that timed out, so it works alike on real and virtual time. It speaks in motor steps.
+
+use std::collections::VecDeque;
+use std::io::ErrorKind;
+use std::time::{Duration, SystemTime, UNIX_EPOCH};
+
+use lobelia_protocol::{
+    Answer, Command, Configuration, Event, Exposure, FaultReport, FrameDecoder, Hello, Outcome, Refusal,
+    Request, Status, ToController, ToHost, Verdict,
+};
+
+use crate::error::{Error, Result};
+use crate::rig::explain;
+use crate::rig::port::Port;
+
+/// After this long without an answer a request is sent again.
+const PATIENCE: Duration = Duration::from_millis(300);
+/// After this many repetitions without a word from the controller the link counts as dead.
+const REPETITIONS: u32 = 20;
+/// After this many bytes without one packet among them the port counts as someone else's.
+const MOST_RUBBISH: usize = 1 << 18;
+
+/// A session with a rig's controller.
+pub struct RigClient {
+    port: Box<dyn Port>,
+    decoder: FrameDecoder,
+    inbox: VecDeque<u8>,
+    rubbish: usize,
+    session: u32,
+    last_id: u32,
+    faults: Vec<FaultReport>,
+    interrupted: Option<Box<dyn Fn() -> bool + Send>>,
+}
+
+impl std::fmt::Debug for RigClient {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("RigClient").field("session", &self.session).finish_non_exhaustive()
+    }
+}
+
+impl RigClient {
+    /// Opens a session. Fails, before anything can move, if the controller speaks another schema.
+    pub fn connect(port: Box<dyn Port>) -> Result<Self> {
+        Self::connect_with(port, Hello::new(new_session()))
+    }
+
+    fn connect_with(port: Box<dyn Port>, hello: Hello) -> Result<Self> {
+        let mut client = Self {
+            port,
+            decoder: FrameDecoder::new(),
+            inbox: VecDeque::new(),
+            rubbish: 0,
+            session: hello.session,
+            last_id: 0,
+            faults: Vec::new(),
+            interrupted: None,
+        };
+        for _ in 0..REPETITIONS {
+            client.send(&ToController::Hello(hello))?;
+            while let Some(packet) = client.receive(PATIENCE)? {
+                let ToHost::Hello(reply) = packet else { continue };
+                if reply.hello.session != hello.session {
+                    continue;
+                }
+                return match reply.verdict {
+                    Verdict::Accepted => Ok(client),
+                    Verdict::DifferentSchema => Err(explain::different_schema(&reply)),
+                };
+            }
+        }
+        Err(silent())
+    }
+
+    /// While a request that takes time is run, asks this now and then; when it says true, stops the rig and fails.
+    pub fn set_interrupt(&mut self, interrupted: impl Fn() -> bool + Send + 'static) {
+        self.interrupted = Some(Box::new(interrupted));
+    }
+
+    /// Sets the rig's parameters. Positions stay known if the controller had the same ones already.
+    pub fn configure(&mut self, configuration: &Configuration) -> Result<()> {
+        self.call(Command::Configure(*configuration)).map(|_| ())
+    }
+
+    /// Homes all axes; gives their positions in steps.
+    pub fn home(&mut self) -> Result<[i32; 4]> {
+        self.call(Command::Home).and_then(positions)
+    }
+
+    /// Moves all axes (pan, tilt, roll, light) to absolute positions in steps, and waits until they have settled.
+    pub fn move_to(&mut self, steps: [i32; 4]) -> Result<[i32; 4]> {
+        self.call(Command::MoveTo(steps)).and_then(positions)
+    }
+
+    /// Switches the lamp; the level is 0 to 1 of full.
+    pub fn lamp(&mut self, on: bool, level: f64) -> Result<()> {
+        let level = (level.clamp(0.0, 1.0) * f64::from(u16::MAX)).round() as u16;
+        self.call(Command::Lamp { on, level }).map(|_| ())
+    }
+
+    /// Fires the shutter for a time in µs. With `warm_lamp` false the lamp may be off or cold, as for dark frames.
+    pub fn expose(&mut self, duration_us: u32, warm_lamp: bool) -> Result<Exposure> {
+        match self.call(Command::Expose { duration_us, warm_lamp })? {
+            Answer::Exposed(exposure) => Ok(exposure),
+            _ => Err(out_of_place()),
+        }
+    }
+
+    /// Asks how things stand.
+    pub fn status(&mut self) -> Result<Status> {
+        match self.call(Command::Status)? {
+            Answer::Status(status) => Ok(status),
+            _ => Err(out_of_place()),
+        }
+    }
+
+    /// Brings all axes to rest by their ramps and waits for that.
+    pub fn stop(&mut self) -> Result<()> {
+        let interrupted = self.interrupted.take();
+        let stopped = self.stop_and_wait();
+        self.interrupted = interrupted;
+        stopped
+    }
+
+    fn stop_and_wait(&mut self) -> Result<()> {
+        self.call(Command::Stop)?;
+        while self.status()?.busy {
+            self.pause(Duration::from_millis(50))?;
+        }
+        Ok(())
+    }
+
+    /// Forgets the faults. The rig has to be homed again.
+    pub fn clear_faults(&mut self) -> Result<()> {
+        self.call(Command::ClearFaults)?;
+        self.faults.clear();
+        Ok(())
+    }
+
+    /// Waits until the lamp, which has to be on, is warm; tells the remaining seconds now and then.
+    pub fn wait_until_warm(&mut self, mut tell: impl FnMut(u16)) -> Result<()> {
+        loop {
+            let lamp = self.status()?.lamp;
+            if !lamp.on {
+                return Err(Error::failure("the lamp is off, so it does not get warm; switch it on first"));
+            }
+            tell(lamp.remaining_s);
+            if lamp.warm {
+                return Ok(());
+            }
+            self.pause(Duration::from_secs(u64::from(lamp.remaining_s.clamp(1, 5))))?;
+            if self.is_interrupted() {
+                return Err(interrupted());
+            }
+        }
+    }
+
+    /// Lets time pass on the rig, real or virtual. A fault reported meanwhile is an error.
+    pub fn pause(&mut self, time: Duration) -> Result<()> {
+        while let Some(packet) = self.receive(time)? {
+            if let ToHost::Event(Event::Fault(report)) = packet {
+                return Err(Error::failure(explain::fault_report(&report)));
+            }
+        }
+        Ok(())
+    }
+
+    /// Faults reported since they were last cleared, oldest first.
+    pub fn faults(&self) -> &[FaultReport] {
+        &self.faults
+    }
+
+    fn is_interrupted(&self) -> bool {
+        self.interrupted.as_ref().is_some_and(|interrupted| interrupted())
+    }
+
+    /// Has a command run once, however often it has to be sent.
+    fn call(&mut self, command: Command) -> Result<Answer> {
+        self.last_id += 1;
+        let id = self.last_id;
+        let packet = ToController::Request(Request { session: self.session, id, command });
+        let mut silence = 0;
+        while silence < REPETITIONS {
+            self.send(&packet)?;
+            silence += 1;
+            while let Some(received) = self.receive(PATIENCE)? {
+                silence = 0;
+                let ToHost::Response(response) = received else { continue };
+                if (response.session, response.id) != (self.session, id) {
+                    continue;
+                }
+                match response.outcome {
+                    Outcome::Done(answer) => return Ok(answer),
+                    Outcome::Refused(refusal) => return Err(self.refused(refusal)),
+                    Outcome::Running => {}
+                }
+            }
+            if self.is_interrupted() {
+                self.stop()?;
+                return Err(interrupted());
+            }
+        }
+        Err(silent())
+    }
+
+    /// The sentence for a refusal; the report of a fault, which names the axis, goes in front.
+    fn refused(&self, refusal: Refusal) -> Error {
+        let error = explain::refusal(refusal);
+        match (refusal, self.faults.last()) {
+            (Refusal::Faulted(_), Some(report)) if report.axis.is_some() => {
+                error.at(explain::fault_report(report))
+            }
+            _ => error,
+        }
+    }
+
+    fn send(&mut self, packet: &ToController) -> Result<()> {
+        let frame = packet.encode().map_err(|_| out_of_place())?;
+        self.port.write_all(&frame).and_then(|()| self.port.flush()).map_err(|error| lost(&error))
+    }
+
+    /// The next packet, or nothing if none comes in time.
+    fn receive(&mut self, timeout: Duration) -> Result<Option<ToHost>> {
+        loop {
+            while let Some(byte) = self.inbox.pop_front() {
+                self.rubbish += 1;
+                let Some(Ok(payload)) = self.decoder.push(byte) else { continue };
+                let Ok(packet) = ToHost::decode(payload) else { continue };
+                self.rubbish = 0;
+                if let ToHost::Event(Event::Fault(report)) = &packet {
+                    self.faults.push(*report);
+                }
+                return Ok(Some(packet));
+            }
+            if self.rubbish > MOST_RUBBISH {
+                return Err(Error::failure(
+                    "the port sends bytes that no Lobelia controller sends; check that --port names the rig",
+                ));
+            }
+            let mut buffer = [0; 512];
+            self.port.set_read_timeout(timeout).map_err(|error| lost(&error))?;
+            match self.port.read(&mut buffer) {
+                Ok(0) => return Err(lost(&ErrorKind::UnexpectedEof.into())),
+                Ok(count) => self.inbox.extend(&buffer[..count]),
+                Err(error) => match error.kind() {
+                    ErrorKind::TimedOut | ErrorKind::WouldBlock => return Ok(None),
+                    ErrorKind::Interrupted => {}
+                    _ => return Err(lost(&error)),
+                },
+            }
+        }
+    }
+}
+
+/// Another number for each session; it has no effect but to tell sessions apart.
+fn new_session() -> u32 {
+    let time = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
+    (time.as_secs() as u32).rotate_left(16) ^ time.subsec_nanos() ^ std::process::id().rotate_left(8)
+}
+
+fn positions(answer: Answer) -> Result<[i32; 4]> {
+    match answer {
+        Answer::At(steps) => Ok(steps),
+        _ => Err(out_of_place()),
+    }
+}
+
+fn out_of_place() -> Error {
+    Error::failure("the rig's controller gave an answer to another question; update its firmware")
+}
+
+fn silent() -> Error {
+    Error::failure(
+        "the rig's controller does not answer; check its power and cable and that --port names it, \
+         then start again (acquire: with --resume)",
+    )
+}
+
+fn lost(error: &std::io::Error) -> Error {
+    Error::failure(format!(
+        "the link to the rig's controller was lost ({error}); plug it in, then start again (acquire: with --resume)"
+    ))
+}
+
+fn interrupted() -> Error {
+    Error::failure("interrupted; the rig was stopped")
+}
+
+#[cfg(all(test, feature = "sim"))]
+mod tests;

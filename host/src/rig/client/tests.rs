@@ -1,0 +1,174 @@
+//! The client against the real firmware on the simulated rig.
+#![allow(clippy::unwrap_used)]
+
+use lobelia_hil_sim::{FaultRates, FaultyLink, MechanicsConfig, SimulatedRig};
+use lobelia_protocol::{Axis, Fault, schema};
+use proptest::prelude::*;
+
+use super::*;
+use crate::error::Kind;
+
+fn connected(config: &MechanicsConfig) -> (SimulatedRig, RigClient) {
+    let rig = SimulatedRig::new(config);
+    let mut client = RigClient::connect(Box::new(rig.link())).unwrap();
+    client.configure(&config.configuration()).unwrap();
+    (rig, client)
+}
+
+fn homed() -> (SimulatedRig, RigClient) {
+    let (rig, mut client) = connected(&MechanicsConfig::ideal());
+    client.home().unwrap();
+    (rig, client)
+}
+
+#[test]
+fn homed_rig_moves_to_the_angles_asked_for() {
+    let config = MechanicsConfig::ideal();
+    let (rig, mut client) = homed();
+    let degrees = [30.0, -12.5, 91.0, 77.0];
+    let steps: [i32; 4] = std::array::from_fn(|axis| config.axes()[axis].steps(degrees[axis]));
+    assert_eq!(client.move_to(steps).unwrap(), steps);
+    for (axis, angle) in rig.angles_rad().into_iter().enumerate() {
+        let half_step = config.axes()[axis].degrees_per_step / 2.0;
+        assert!((angle.to_degrees() - degrees[axis]).abs() <= half_step * 1.001, "{axis}: {angle}");
+    }
+}
+
+#[test]
+fn controller_of_another_schema_is_bad_input_that_names_both_versions() {
+    let rig = SimulatedRig::new(&MechanicsConfig::ideal());
+    let other = Hello { schema: 7, version: 41, session: 1 };
+    let error = RigClient::connect_with(Box::new(rig.link()), other).unwrap_err();
+    assert_eq!(error.kind(), Kind::Input);
+    let sentence = error.to_string();
+    assert!(sentence.contains(&format!("{:016x}", schema::IDENTITY)), "{sentence}");
+    assert!(Axis::ALL.into_iter().all(|axis| rig.steps_received(axis) == 0));
+}
+
+#[test]
+fn exposure_needs_a_warm_lamp_and_reads_its_reference() {
+    let (rig, mut client) = homed();
+    assert!(client.expose(10_000, true).unwrap_err().to_string().contains("off"));
+    client.lamp(true, 1.0).unwrap();
+    assert!(client.expose(10_000, true).unwrap_err().to_string().contains("wait another 900 s"));
+    client.wait_until_warm(|_| {}).unwrap();
+    let exposure = client.expose(500_000, true).unwrap();
+    let truth = rig.last_exposure().unwrap();
+    assert_eq!((exposure.start_us, exposure.open_us), (truth.start_us, 500_000));
+    let reference = f64::from(exposure.reference_q8) / 256.0 / 3000.0;
+    assert!((reference / truth.lamp_relative - 1.0).abs() < 1e-3, "{reference} {truth:?}");
+}
+
+#[test]
+fn dark_frame_needs_no_lamp() {
+    let (rig, mut client) = homed();
+    assert_eq!(client.expose(1000, false).unwrap().reference_q8, 0);
+    assert_eq!(rig.last_exposure().unwrap().lamp_relative, 0.0);
+}
+
+#[test]
+fn unplugged_link_is_a_failure_that_says_what_to_do() {
+    let (rig, mut client) = homed();
+    rig.unplug();
+    let error = client.move_to([0, 0, 0, 20_000]).unwrap_err();
+    assert_eq!(error.kind(), Kind::Failure);
+    assert!(error.to_string().contains("plug it in"), "{error}");
+}
+
+#[test]
+fn restarted_controller_is_noticed_and_not_moved() {
+    let (rig, mut client) = homed();
+    rig.reset_controller();
+    let before = rig.steps_received(Axis::Pan);
+    let error = client.move_to([100, 0, 0, 20_000]).unwrap_err();
+    assert!(error.to_string().contains("restarted"), "{error}");
+    assert_eq!(rig.steps_received(Axis::Pan), before);
+}
+
+#[test]
+fn emergency_stop_is_told_and_needs_release_clearing_and_homing() {
+    let (rig, mut client) = homed();
+    rig.press_emergency_stop();
+    let error = client.move_to([0, 0, 0, 20_000]).unwrap_err().to_string();
+    assert!(error.contains("emergency stop was pressed"), "{error}");
+    assert!(client.faults().iter().any(|report| report.fault == Fault::EmergencyStop));
+    assert!(client.clear_faults().unwrap_err().to_string().contains("still pressed"));
+    rig.release_emergency_stop();
+    client.clear_faults().unwrap();
+    assert!(client.move_to([0, 0, 0, 20_000]).unwrap_err().to_string().contains("home the rig"));
+    client.home().unwrap();
+    client.move_to([0, 0, 0, 20_000]).unwrap();
+}
+
+#[test]
+fn fault_names_its_axis() {
+    let (rig, mut client) = connected(&MechanicsConfig::ideal());
+    rig.break_home_switch(Axis::Roll);
+    let error = client.home().unwrap_err().to_string();
+    assert!(error.contains("the roll axis did not find its home switch"), "{error}");
+}
+
+#[test]
+fn interrupt_stops_the_rig_with_positions_known() {
+    let (_rig, mut client) = homed();
+    client.set_interrupt(|| true);
+    let error = client.move_to([5000, 0, 0, 100_000]).unwrap_err().to_string();
+    assert!(error.contains("interrupted"), "{error}");
+    let status = client.status().unwrap();
+    assert_eq!((status.known, status.busy), ([true; 4], false));
+    assert!(status.positions[3] < 100_000);
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(24))]
+
+    /// On a line that loses, changes and doubles bytes, every move that is reported done was made exactly once.
+    #[test]
+    fn bad_line_never_causes_a_wrong_or_doubled_move(
+        seed in any::<u64>(), targets in proptest::collection::vec(-3000..3000i32, 1..6),
+    ) {
+        let config = MechanicsConfig::ideal();
+        let run = |rates: FaultRates| {
+            let rig = SimulatedRig::new(&config);
+            let mut client = RigClient::connect(Box::new(FaultyLink::new(rig.link(), rates, seed))).unwrap();
+            client.configure(&config.configuration()).unwrap();
+            client.home().unwrap();
+            for &target in &targets {
+                let steps = [target, -target, target / 2, 20_000 + target];
+                prop_assert_eq!(client.move_to(steps).unwrap(), steps);
+                client.expose(1000, false).unwrap();
+            }
+            Ok((Axis::ALL.map(|axis| rig.steps_received(axis)), rig.angles_rad(), rig.last_exposure()))
+        };
+        let clean = run(FaultRates { lost: 0.0, flipped: 0.0, doubled: 0.0 })?;
+        let bad = run(FaultRates { lost: 0.004, flipped: 0.004, doubled: 0.002 })?;
+        prop_assert_eq!(bad.0, clean.0);
+        prop_assert_eq!(bad.1, clean.1);
+        prop_assert_eq!(bad.2.map(|truth| truth.sequence), clean.2.map(|truth| truth.sequence));
+    }
+}
+
+#[test]
+fn rig_served_on_tcp_homes_and_moves() {
+    let listener = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
+    let name = format!("tcp://{}", listener.local_addr().unwrap());
+    let config = MechanicsConfig::ideal();
+    let rig = SimulatedRig::new(&config);
+    std::thread::spawn(move || lobelia_hil_sim::serve_tcp(&listener, &rig, 1000.0));
+    let mut client = RigClient::connect(crate::rig::open_port(&name).unwrap()).unwrap();
+    client.configure(&config.configuration()).unwrap();
+    client.home().unwrap();
+    assert_eq!(client.move_to([100, -100, 0, 20_000]).unwrap(), [100, -100, 0, 20_000]);
+}
+
+#[test]
+fn simulated_axis_in_a_file_keeps_its_own_defaults() {
+    let config: MechanicsConfig = toml::from_str("[light]\nrepeatability_deg = 0.0\n").unwrap();
+    let mut expected = MechanicsConfig::default();
+    expected.light.repeatability_deg = 0.0;
+    assert_eq!(config, expected);
+    assert!(toml::from_str::<MechanicsConfig>("[pan]\nrepeatabillity_deg = 0.0\n").is_err());
+    assert!(toml::from_str::<MechanicsConfig>("[pan]\ndegrees_per_step = 0.0\n").is_err());
+    let written = toml::to_string(&expected).unwrap();
+    assert_eq!(toml::from_str::<MechanicsConfig>(&written).unwrap(), expected);
+}

@@ -1,0 +1,475 @@
+//! `rig.toml`: every number of the rig that the host needs, with defaults for the simulated one.
+//!
+//! Lengths in mm, angles in degrees, times in seconds, as the key names say.
+
+use lobelia_protocol::{AxisParameters, Configuration, HomeDirection};
+use serde::{Deserialize, Serialize};
+
+/// The whole file.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct RigConfig {
+    /// The four motor axes.
+    pub axes: Axes,
+    /// Where camera, light and sample stand.
+    pub geometry: Geometry,
+    /// The camera's lens and sensor.
+    pub camera: Camera,
+    /// The light source.
+    pub lamp: Lamp,
+    /// The sample and the fiducials around it.
+    pub carrier: Carrier,
+    /// How exposures are chosen.
+    pub exposure: Exposure,
+    /// What the simulated rig does that a real one does by itself.
+    pub simulator: Simulator,
+}
+
+/// The four axes, in the protocol's order.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Axes {
+    /// Turns the sample about the bench's y axis.
+    pub pan: Axis,
+    /// Turns the sample about its (panned) x axis.
+    pub tilt: Axis,
+    /// Turns the sample about its normal.
+    pub roll: Axis,
+    /// Moves the light along its arc; 0 is the camera's direction.
+    pub light: Axis,
+}
+
+impl Axes {
+    /// The axes in the protocol's order: pan, tilt, roll, light.
+    pub fn in_order(&self) -> [&Axis; 4] {
+        [&self.pan, &self.tilt, &self.roll, &self.light]
+    }
+}
+
+/// Names of the axes, in the protocol's order.
+pub const AXIS_NAMES: [&str; 4] = ["pan", "tilt", "roll", "light"];
+
+/// One motor axis.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Axis {
+    /// Angle of one motor step.
+    pub degrees_per_step: f64,
+    /// Lower soft limit.
+    pub min_deg: f64,
+    /// Upper soft limit.
+    pub max_deg: f64,
+    /// Angle of the home switch's edge, below the lower limit.
+    pub home_deg: f64,
+    /// Highest speed.
+    pub max_speed_deg_s: f64,
+    /// Highest acceleration.
+    pub acceleration_deg_s2: f64,
+    /// Overshoot that takes up the backlash, so that every position is approached from below.
+    pub take_up_deg: f64,
+    /// Rest after a move before the rig counts as still.
+    pub settle_s: f64,
+    /// Largest angular error of a position (table 3.1); the weight of the motors against the fiducials.
+    pub repeatability_deg: f64,
+}
+
+impl Default for Axes {
+    fn default() -> Self {
+        let head = |limit: f64, repeatability_deg: f64| Axis {
+            degrees_per_step: 0.0129,
+            min_deg: -limit,
+            max_deg: limit,
+            home_deg: -limit - 5.0,
+            max_speed_deg_s: 60.0,
+            acceleration_deg_s2: 120.0,
+            take_up_deg: 0.5,
+            settle_s: 0.2,
+            repeatability_deg,
+        };
+        let light = Axis {
+            // Ten of table 3.1's motor counts: still 1/88 of the repeatability.
+            degrees_per_step: 1.6e-3,
+            min_deg: 10.0,
+            max_deg: 175.0,
+            home_deg: 5.0,
+            max_speed_deg_s: 20.0,
+            acceleration_deg_s2: 40.0,
+            take_up_deg: 0.2,
+            settle_s: 0.3,
+            repeatability_deg: 0.1411,
+        };
+        Self { pan: head(90.0, 0.786), tilt: head(90.0, 0.786), roll: head(180.0, 0.786), light }
+    }
+}
+
+impl Axis {
+    /// The axis in the controller's steps; `None` when a number is out of range.
+    fn parameters(&self) -> Option<AxisParameters> {
+        let signed = |degrees: f64| {
+            let steps = (degrees / self.degrees_per_step).round();
+            (steps.abs() < 1e9).then_some(steps as i32)
+        };
+        let positive = |degrees: f64| signed(degrees).and_then(|steps| u32::try_from(steps).ok());
+        let settle_ms = (self.settle_s * 1e3).round();
+        Some(AxisParameters {
+            min_steps: signed(self.min_deg)?,
+            max_steps: signed(self.max_deg)?,
+            max_speed: positive(self.max_speed_deg_s)?,
+            acceleration: positive(self.acceleration_deg_s2)?,
+            take_up_steps: positive(self.take_up_deg)?,
+            settle_ms: (0.0..=65535.0).contains(&settle_ms).then_some(settle_ms as u16)?,
+            home_direction: HomeDirection::Negative,
+            // The first whole step above the switch's edge.
+            home_position: signed((self.home_deg / self.degrees_per_step).floor() * self.degrees_per_step)?
+                + 1,
+            home_speed: positive(self.max_speed_deg_s / 3.0)?.max(1),
+            home_slow_speed: positive(self.max_speed_deg_s / 60.0)?.max(1),
+            home_back_off: positive(1.0)?.max(1),
+            home_travel: positive(self.max_deg - self.home_deg + 20.0)?,
+        })
+    }
+}
+
+/// Positions on the bench.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Geometry {
+    /// From the crossing of pan and tilt to the camera's centre of projection.
+    pub camera_distance_mm: f64,
+    /// Radius of the light's arc.
+    pub light_radius_mm: f64,
+    /// The carrier's surface above the crossing of pan and tilt, along the sample's normal.
+    pub carrier_offset_mm: f64,
+    /// How far the carrier's centre may lie from where it should be, one standard deviation.
+    pub carrier_slack_mm: f64,
+}
+
+impl Default for Geometry {
+    fn default() -> Self {
+        Self {
+            camera_distance_mm: 1050.0,
+            light_radius_mm: 1000.0,
+            carrier_offset_mm: 25.4,
+            carrier_slack_mm: 0.3,
+        }
+    }
+}
+
+/// The camera: pinhole with Brown–Conrady distortion, Bayer RGGB sensor.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Camera {
+    /// Columns.
+    pub width: usize,
+    /// Rows.
+    pub height: usize,
+    /// Focal lengths in pixels, x and y.
+    pub focal_px: [f64; 2],
+    /// Principal point in pixels; the centre of the first pixel is (0, 0).
+    pub principal_px: [f64; 2],
+    /// Brown–Conrady coefficients k1, k2, p1, p2, k3.
+    pub distortion: [f64; 5],
+    /// Value of a pixel without light.
+    pub black_level: f64,
+    /// Value at which a pixel is saturated.
+    pub white_level: f64,
+    /// Value above black a unit of radiance and second, for R, G and B.
+    pub responsivity: [f64; 3],
+    /// Shortest exposure.
+    pub min_exposure_s: f64,
+    /// Longest exposure.
+    pub max_exposure_s: f64,
+    /// Relative aperture, as written into the frames.
+    pub f_number: f64,
+}
+
+impl Default for Camera {
+    fn default() -> Self {
+        Self {
+            width: 800,
+            height: 600,
+            focal_px: [4060.0, 4060.0],
+            principal_px: [402.3, 297.6],
+            distortion: [-1.2, 5.0, 4e-4, -3e-4, 0.0],
+            black_level: 512.0,
+            white_level: 16383.0,
+            responsivity: [4.2e6, 5.2e6, 3.8e6],
+            min_exposure_s: 1.0 / 8000.0,
+            max_exposure_s: 2.0,
+            f_number: 16.0,
+        }
+    }
+}
+
+impl Camera {
+    /// Value between black and saturation.
+    pub fn range(&self) -> f64 {
+        self.white_level - self.black_level
+    }
+}
+
+/// The light source.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Lamp {
+    /// Diameter of the aperture, which counts as a radially uniform disc facing the bench's origin.
+    pub aperture_diameter_mm: f64,
+    /// Radiance of the warm lamp, for R, G and B.
+    pub radiance: [f64; 3],
+    /// Reading of the reference photodiode with the warm lamp at this radiance.
+    pub reference_reading: f64,
+    /// Time after switching on before it may be used.
+    pub warm_up_s: f64,
+}
+
+impl Default for Lamp {
+    fn default() -> Self {
+        Self {
+            aperture_diameter_mm: 10.0,
+            radiance: [1000.0, 1000.0, 1000.0],
+            reference_reading: 3000.0,
+            warm_up_s: 900.0,
+        }
+    }
+}
+
+impl Lamp {
+    /// Area A_s of the aperture, mm².
+    pub fn aperture_mm2(&self) -> f64 {
+        std::f64::consts::PI * (self.aperture_diameter_mm / 2.0).powi(2)
+    }
+}
+
+/// The sample and its carrier.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Carrier {
+    /// Width of the sample.
+    pub sample_width_mm: f64,
+    /// Height of the sample.
+    pub sample_height_mm: f64,
+    /// Texels across the sample's width; rows follow from the height.
+    pub texels_across: usize,
+    /// Outer edge of a tag's black border.
+    pub tag_size_mm: f64,
+    /// The printed tags (family 36h11), upright in the sample's frame.
+    pub tags: Vec<Tag>,
+}
+
+/// One printed tag.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Tag {
+    /// Identity in the family 36h11.
+    pub id: u32,
+    /// Centre, sample frame.
+    pub x_mm: f64,
+    /// Centre, sample frame.
+    pub y_mm: f64,
+}
+
+impl Default for Carrier {
+    fn default() -> Self {
+        Self {
+            sample_width_mm: 64.0,
+            sample_height_mm: 64.0,
+            texels_across: 128,
+            tag_size_mm: 16.0,
+            tags: ring_of_tags(44.0, 5),
+        }
+    }
+}
+
+impl Carrier {
+    /// Edge of a texel, mm.
+    pub fn texel_mm(&self) -> f64 {
+        self.sample_width_mm / self.texels_across as f64
+    }
+
+    /// Rows of texels.
+    pub fn texels_down(&self) -> usize {
+        (self.sample_height_mm / self.texel_mm()).round() as usize
+    }
+}
+
+/// Tags on the edge of a square of half-width `half_mm`, `per_side` on each side (corners shared).
+fn ring_of_tags(half_mm: f64, per_side: usize) -> Vec<Tag> {
+    let at = |k: usize| half_mm * (2.0 * k as f64 / (per_side - 1) as f64 - 1.0);
+    let places = (0..per_side).flat_map(|row| (0..per_side).map(move |column| (row, column)));
+    let edge = |k: usize| k == 0 || k == per_side - 1;
+    places
+        .filter(|&(row, column)| edge(row) || edge(column))
+        .enumerate()
+        .map(|(id, (row, column))| Tag { id: id as u32, x_mm: at(column), y_mm: -at(row) })
+        .collect()
+}
+
+/// How exposures are chosen from the geometry of a pose.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Exposure {
+    /// Exposures a pose, 1 to 3.
+    pub count: usize,
+    /// Reflectance (sr⁻¹) that the longest exposure should still resolve well.
+    pub darkest_reflectance: f64,
+    /// Reflectance (sr⁻¹) of the brightest highlight, which the shortest exposure must not clip.
+    pub brightest_reflectance: f64,
+    /// Angle between half vector and normal within which the highlight is expected.
+    pub highlight_deg: f64,
+    /// Frames averaged for the dark signal, at the shortest and at the longest exposure each.
+    pub dark_frames: usize,
+}
+
+impl Default for Exposure {
+    fn default() -> Self {
+        Self {
+            count: 2,
+            darkest_reflectance: 0.02,
+            brightest_reflectance: 3.0,
+            highlight_deg: 25.0,
+            dark_frames: 3,
+        }
+    }
+}
+
+/// What the simulated rig does besides obeying.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Simulator {
+    /// Seed of every random effect.
+    pub seed: u64,
+    /// Whether positions carry the axes' repeatability error.
+    pub repeatability: bool,
+    /// Dead band of pan, tilt, roll and light.
+    pub backlash_deg: [f64; 4],
+    /// Time constant of the lamp's warm-up.
+    pub lamp_time_constant_s: f64,
+    /// Relative amplitude of the lamp's slow drift.
+    pub lamp_drift: f64,
+    /// Electrons a pixel value.
+    pub electrons_per_value: f64,
+    /// Read noise, electrons RMS.
+    pub read_noise_e: f64,
+    /// Dark signal, electrons a second.
+    pub dark_e_s: f64,
+    /// Albedo of the tags' white and black and of the carrier.
+    pub carrier_albedo: [f64; 3],
+}
+
+impl Default for Simulator {
+    fn default() -> Self {
+        Self {
+            seed: 1,
+            repeatability: true,
+            backlash_deg: [0.1, 0.1, 0.1, 0.02],
+            lamp_time_constant_s: 180.0,
+            lamp_drift: 0.02,
+            electrons_per_value: 2.5,
+            read_noise_e: 6.0,
+            dark_e_s: 8.0,
+            carrier_albedo: [0.75, 0.04, 0.03],
+        }
+    }
+}
+
+impl RigConfig {
+    /// Angles in degrees (pan, tilt, roll, light) as motor steps, rounded to the nearest.
+    pub fn steps(&self, degrees: [f64; 4]) -> [i32; 4] {
+        let axes = self.axes.in_order();
+        std::array::from_fn(|k| (degrees[k] / axes[k].degrees_per_step).round() as i32)
+    }
+
+    /// What the controller has to know.
+    ///
+    /// # Errors
+    /// When a number of the file does not fit the controller's integers.
+    pub fn configuration(&self) -> crate::Result<Configuration> {
+        let mut axes = Vec::with_capacity(4);
+        for (name, axis) in AXIS_NAMES.iter().zip(self.axes.in_order()) {
+            axes.push(axis.parameters().ok_or_else(|| {
+                crate::Error::input(format!(
+                    "rig.toml: axes.{name} has a number beyond the controller's range"
+                ))
+            })?);
+        }
+        let lamp_warm_up_s = self.lamp.warm_up_s.ceil() as u16;
+        let axes = axes.try_into().map_err(|_| crate::Error::input("rig.toml: there must be four axes"))?;
+        Ok(Configuration { axes, lamp_warm_up_s })
+    }
+
+    /// Checks what types cannot: limits in order, positive sizes, exposures 1 to 3, tags without repeats.
+    ///
+    /// # Errors
+    /// An input error that names the key.
+    pub fn validate(&self) -> crate::Result<()> {
+        let refuse = |key: &str, why: String| Err(crate::Error::input(format!("rig.toml: {key} {why}")));
+        for (name, axis) in AXIS_NAMES.iter().zip(self.axes.in_order()) {
+            if axis.min_deg.partial_cmp(&axis.max_deg) != Some(std::cmp::Ordering::Less) {
+                return refuse(&format!("axes.{name}"), "has min_deg not below max_deg".into());
+            }
+            for (key, value) in [
+                ("degrees_per_step", axis.degrees_per_step),
+                ("max_speed_deg_s", axis.max_speed_deg_s),
+                ("acceleration_deg_s2", axis.acceleration_deg_s2),
+            ] {
+                if !(value > 0.0 && value.is_finite()) {
+                    return refuse(&format!("axes.{name}.{key}"), format!("is {value}, must be above 0"));
+                }
+            }
+        }
+        let positive = [
+            ("geometry.camera_distance_mm", self.geometry.camera_distance_mm),
+            ("geometry.light_radius_mm", self.geometry.light_radius_mm),
+            ("lamp.aperture_diameter_mm", self.lamp.aperture_diameter_mm),
+            ("lamp.reference_reading", self.lamp.reference_reading),
+            ("carrier.sample_width_mm", self.carrier.sample_width_mm),
+            ("carrier.sample_height_mm", self.carrier.sample_height_mm),
+            ("carrier.tag_size_mm", self.carrier.tag_size_mm),
+            ("camera.min_exposure_s", self.camera.min_exposure_s),
+            ("camera range (white_level - black_level)", self.camera.range()),
+            ("exposure.darkest_reflectance", self.exposure.darkest_reflectance),
+        ];
+        for (key, value) in positive {
+            if !(value > 0.0 && value.is_finite()) {
+                return refuse(key, format!("is {value}, must be above 0"));
+            }
+        }
+        if self.camera.width < 16 || self.camera.height < 16 || self.carrier.texels_across == 0 {
+            return refuse("camera.width, camera.height and carrier.texels_across", "are too small".into());
+        }
+        if !(1..=3).contains(&self.exposure.count) {
+            return refuse("exposure.count", format!("is {}, must be 1 to 3", self.exposure.count));
+        }
+        let mut ids: Vec<u32> = self.carrier.tags.iter().map(|tag| tag.id).collect();
+        ids.sort_unstable();
+        if let Some(pair) = ids.windows(2).find(|pair| pair[0] == pair[1]) {
+            return refuse("carrier.tags", format!("has the id {} twice", pair[0]));
+        }
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_default_file_survives_toml_and_is_valid() {
+        let text = toml::to_string(&RigConfig::default()).unwrap();
+        let read: RigConfig = crate::toml_file::parse(&text, "rig.toml").unwrap();
+        assert_eq!(read, RigConfig::default());
+        read.validate().unwrap();
+        assert_eq!(read.carrier.tags.len(), 16);
+        assert_eq!(read.carrier.texels_down(), 128);
+    }
+
+    #[test]
+    fn bad_numbers_name_their_key() {
+        let mut config = RigConfig::default();
+        config.axes.tilt.max_deg = f64::NAN;
+        assert!(config.validate().unwrap_err().to_string().contains("axes.tilt"));
+        let mut config = RigConfig::default();
+        config.exposure.count = 4;
+        assert!(config.validate().unwrap_err().to_string().contains("exposure.count"));
+    }
+}

@@ -1,0 +1,113 @@
+//! Sentences for what the controller reports: what is wrong and what to do about it.
+
+use lobelia_protocol::{Axis, Fault, FaultReport, Faults, Field, HelloReply, Refusal, schema};
+
+use crate::error::Error;
+
+/// Why a request failed.
+pub(crate) fn refusal(refusal: Refusal) -> Error {
+    match refusal {
+        Refusal::NoSession => Error::failure(
+            "the rig's controller was restarted or taken over by another program, so its positions are lost; \
+             check its power and cable, then start again (acquire: with --resume)",
+        ),
+        Refusal::Stale => {
+            Error::failure("the rig's controller no longer knows the answer to a request; start again")
+        }
+        Refusal::NotConfigured => {
+            Error::failure("the rig's controller has no configuration; configure it first")
+        }
+        Refusal::BadParameter { axis, field } => {
+            let of = axis.map_or(String::new(), |axis| format!(" of {}", axis.name()));
+            Error::input(format!("the rig's controller refuses {}{of}: {}", name(field), range(field)))
+        }
+        Refusal::Busy => {
+            Error::failure("the rig's controller is still running another request; stop it first")
+        }
+        Refusal::PositionUnknown(axis) => {
+            Error::failure(format!("the position of {} is unknown; home the rig first", axis.name()))
+        }
+        Refusal::OutOfLimits(axis) => Error::input(format!(
+            "the target of {} is beyond its limits; correct the plan or the limits in the rig's file",
+            axis.name()
+        )),
+        Refusal::LampNotWarm { remaining_s: Some(seconds) } => {
+            Error::failure(format!("the lamp is not warm yet; wait another {seconds} s"))
+        }
+        Refusal::LampNotWarm { remaining_s: None } => {
+            Error::failure("the lamp is off; switch it on and let it warm up")
+        }
+        Refusal::Faulted(set) => Error::failure(faults(set)),
+        Refusal::EmergencyStopPressed => {
+            Error::failure("the emergency stop is still pressed; release it, then clear the faults")
+        }
+        Refusal::Stopped => Error::failure("the rig was stopped before it had finished"),
+    }
+}
+
+/// A fault as it was reported.
+pub(crate) fn fault_report(report: &FaultReport) -> String {
+    fault(report.fault, report.axis)
+}
+
+fn faults(set: Faults) -> String {
+    let mut sentences: Vec<_> = set.iter().map(|one| fault(one, None)).collect();
+    sentences.push("clear the faults and home the rig before it moves again".to_owned());
+    sentences.join("; ")
+}
+
+fn fault(fault: Fault, axis: Option<Axis>) -> String {
+    let of = axis.map_or("an axis".to_owned(), |axis| format!("the {} axis", axis.name()));
+    match fault {
+        Fault::EmergencyStop => {
+            "the emergency stop was pressed: make sure that the rig is clear and release it".to_owned()
+        }
+        Fault::LimitHit => {
+            format!("{of} reached its home switch during a move: it lost steps, so look for what blocks it")
+        }
+        Fault::HomingFailed => {
+            format!("{of} did not find its home switch: check the switch, its cable and home_travel")
+        }
+        Fault::Hardware => "the controller could not drive or read a pin: check its wiring".to_owned(),
+    }
+}
+
+fn name(field: Field) -> &'static str {
+    match field {
+        Field::Limits => "the limits",
+        Field::MaxSpeed => "the highest speed",
+        Field::Acceleration => "the acceleration",
+        Field::TakeUp => "the take-up",
+        Field::HomePosition => "the home position",
+        Field::HomeSpeed => "the homing speeds",
+        Field::HomeTravel => "the homing travel or back-off",
+        Field::Duration => "the exposure's duration",
+    }
+}
+
+fn range(field: Field) -> &'static str {
+    match field {
+        Field::Limits => "the lower has to be below the upper, both within ±2^29 steps",
+        Field::MaxSpeed => "it has to be 1 to 200000 steps/s",
+        Field::Acceleration => "it has to be 1 to 10000000 steps/s²",
+        Field::TakeUp => "it has to be at most 2^20 steps",
+        Field::HomePosition => {
+            "it has to lie beyond the limits on the switch's side, by more than the take-up below"
+        }
+        Field::HomeSpeed => "they have to be at least 1 step/s and at most the highest speed",
+        Field::HomeTravel => "the back-off has to be within the travel, the travel at most 2^29 steps",
+        Field::Duration => "it has to be 100 µs to 60 s",
+    }
+}
+
+/// Two programs that don't understand each other.
+pub(crate) fn different_schema(reply: &HelloReply) -> Error {
+    Error::input(format!(
+        "the rig's controller speaks protocol version {} (schema {:016x}) and this program version {} (schema {:016x}); \
+         install matching firmware or the matching lobelia; nothing was moved",
+        reply.hello.version,
+        reply.hello.schema,
+        schema::VERSION,
+        schema::IDENTITY
+    ))
+}

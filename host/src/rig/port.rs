@@ -1,0 +1,107 @@
+//! Ports to a controller: a serial port, TCP, or the simulated rig's link.
+
+use std::io::{self, Read, Write};
+use std::net::TcpStream;
+use std::time::Duration;
+
+use serialport::SerialPort;
+
+use crate::error::{Error, Result};
+
+/// Bits a second of a serial line; a USB serial port takes no notice.
+const BAUD: u32 = 115_200;
+
+/// Carries bytes to and from a controller. A read that gets none in time fails with `TimedOut` or `WouldBlock`.
+pub trait Port: Read + Write + Send {
+    /// How long a read waits for a byte.
+    fn set_read_timeout(&mut self, timeout: Duration) -> io::Result<()>;
+}
+
+impl Port for Box<dyn SerialPort> {
+    fn set_read_timeout(&mut self, timeout: Duration) -> io::Result<()> {
+        Ok(self.set_timeout(timeout)?)
+    }
+}
+
+impl Port for TcpStream {
+    fn set_read_timeout(&mut self, timeout: Duration) -> io::Result<()> {
+        Self::set_read_timeout(self, Some(timeout))
+    }
+}
+
+#[cfg(feature = "sim")]
+impl Port for lobelia_hil_sim::SimulatedLink {
+    fn set_read_timeout(&mut self, timeout: Duration) -> io::Result<()> {
+        self.set_timeout(timeout);
+        Ok(())
+    }
+}
+
+#[cfg(feature = "sim")]
+impl<P: Port> Port for lobelia_hil_sim::FaultyLink<P> {
+    fn set_read_timeout(&mut self, timeout: Duration) -> io::Result<()> {
+        self.inner_mut().set_read_timeout(timeout)
+    }
+}
+
+/// Opens a port by its name: `/dev/ttyACM0`, `COM3` or `tcp://host:port`.
+pub fn open_port(name: &str) -> Result<Box<dyn Port>> {
+    match name.strip_prefix("tcp://") {
+        Some(address) => open_tcp(name, address),
+        None => open_serial(name),
+    }
+}
+
+fn open_tcp(name: &str, address: &str) -> Result<Box<dyn Port>> {
+    let stream = TcpStream::connect(address).map_err(|error| {
+        let what = format!("port {name} cannot be opened: {error}; is the rig's server running there?");
+        if error.kind() == io::ErrorKind::InvalidInput { Error::input(what) } else { Error::failure(what) }
+    })?;
+    // Requests are small and each waits for its answer.
+    stream.set_nodelay(true).map_err(|error| Error::failure(format!("port {name}: {error}")))?;
+    Ok(Box::new(stream))
+}
+
+fn open_serial(name: &str) -> Result<Box<dyn Port>> {
+    match serialport::new(name, BAUD).open() {
+        Ok(port) => Ok(Box::new(port)),
+        Err(error) => {
+            let found = port_names();
+            let list = if found.is_empty() { "none".to_owned() } else { found.join(", ") };
+            let what = format!("port {name} cannot be opened: {error}; serial ports found: {list}");
+            // A port that exists but can't be had is the machine's fault, another name the user's.
+            if found.iter().any(|port| port == name) {
+                Err(Error::failure(what))
+            } else {
+                Err(Error::input(what))
+            }
+        }
+    }
+}
+
+/// Names of the serial ports that this machine has, sorted.
+pub fn port_names() -> Vec<String> {
+    let mut names: Vec<_> =
+        serialport::available_ports().unwrap_or_default().into_iter().map(|port| port.port_name).collect();
+    names.sort();
+    names
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::error::Kind;
+
+    #[test]
+    fn port_that_does_not_exist_is_bad_input_and_named() {
+        let error = open_port("/dev/no-such-port").err().expect("opened");
+        assert_eq!(error.kind(), Kind::Input);
+        assert!(error.to_string().contains("/dev/no-such-port"), "{error}");
+    }
+
+    #[test]
+    fn address_without_a_port_number_is_bad_input() {
+        let error = open_port("tcp://localhost").err().expect("opened");
+        assert_eq!(error.kind(), Kind::Input, "{error}");
+    }
+}

@@ -1,0 +1,77 @@
+//! Faults: what makes the controller stop everything and refuse to move until it is told that all is well again.
+
+use serde::{Deserialize, Serialize};
+
+use crate::message::Axis;
+
+/// One reason to stop. A fault stays set until the host clears it; positions are unknown afterwards.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Fault {
+    /// The emergency stop was pressed.
+    EmergencyStop,
+    /// A home switch closed during a move that should have stayed clear of it: steps were lost.
+    LimitHit,
+    /// A home switch was not found, or did not open again, within the axis's travel.
+    HomingFailed,
+    /// A pin could not be driven or read.
+    Hardware,
+}
+
+impl Fault {
+    /// Every fault, in the order of its bit in [`Faults`].
+    pub const ALL: [Self; 4] = [Self::EmergencyStop, Self::LimitHit, Self::HomingFailed, Self::Hardware];
+
+    const fn bit(self) -> u8 {
+        1 << self as u8
+    }
+}
+
+/// A set of faults.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+pub struct Faults(u8);
+
+impl Faults {
+    /// No fault.
+    pub const NONE: Self = Self(0);
+
+    /// Adds a fault.
+    pub fn insert(&mut self, fault: Fault) {
+        self.0 |= fault.bit();
+    }
+
+    /// Whether the fault is set.
+    pub const fn contains(self, fault: Fault) -> bool {
+        self.0 & fault.bit() != 0
+    }
+
+    /// Whether no fault is set.
+    pub const fn is_empty(self) -> bool {
+        self.0 == 0
+    }
+
+    /// The faults that are set.
+    pub fn iter(self) -> impl Iterator<Item = Fault> {
+        Fault::ALL.into_iter().filter(move |fault| self.contains(*fault))
+    }
+}
+
+impl FromIterator<Fault> for Faults {
+    fn from_iter<I: IntoIterator<Item = Fault>>(faults: I) -> Self {
+        let mut set = Self::NONE;
+        for fault in faults {
+            set.insert(fault);
+        }
+        set
+    }
+}
+
+/// Sent unasked when a fault is raised.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+pub struct FaultReport {
+    /// What happened.
+    pub fault: Fault,
+    /// On which axis, where that can be said.
+    pub axis: Option<Axis>,
+    /// When, in the controller's time in µs.
+    pub at_us: u64,
+}

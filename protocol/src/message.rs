@@ -1,0 +1,279 @@
+//! Requests, responses and events. Positions are absolute motor steps, times µs of the controller's clock.
+//!
+//! A change here changes what the bytes mean: change [`crate::schema`] with it (a test insists).
+
+use serde::{Deserialize, Serialize};
+
+use crate::AXES;
+use crate::fault::{FaultReport, Faults};
+
+/// The axes, in the order of every array of four.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Axis {
+    /// The sample's pan.
+    Pan,
+    /// The sample's tilt.
+    Tilt,
+    /// The sample's roll about its normal.
+    Roll,
+    /// The light on its rail.
+    Light,
+}
+
+impl Axis {
+    /// The axes in order.
+    pub const ALL: [Self; AXES] = [Self::Pan, Self::Tilt, Self::Roll, Self::Light];
+
+    /// The axis's place in arrays of four.
+    pub const fn index(self) -> usize {
+        self as usize
+    }
+
+    /// The axis's name in lower case.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Pan => "pan",
+            Self::Tilt => "tilt",
+            Self::Roll => "roll",
+            Self::Light => "light",
+        }
+    }
+}
+
+/// Where the home switch is: toward which end of the travel.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+pub enum HomeDirection {
+    /// Toward lower steps.
+    Negative,
+    /// Toward higher steps.
+    Positive,
+}
+
+/// How one axis moves.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+pub struct AxisParameters {
+    /// Lowest position that a move may ask for, in steps. Take-up may pass it by `take_up_steps`.
+    pub min_steps: i32,
+    /// Highest position that a move may ask for, in steps.
+    pub max_steps: i32,
+    /// Highest speed, steps/s.
+    pub max_speed: u32,
+    /// Acceleration and deceleration, steps/s².
+    pub acceleration: u32,
+    /// Length of the approach in the positive direction that ends each move, in steps; more than the backlash.
+    pub take_up_steps: u32,
+    /// Rest after a move before it counts as done, in ms.
+    pub settle_ms: u16,
+    /// Where the home switch is.
+    pub home_direction: HomeDirection,
+    /// The position of the home switch's edge when it is passed in the positive direction, in steps.
+    pub home_position: i32,
+    /// Speed of the first search for the switch, steps/s.
+    pub home_speed: u32,
+    /// Speed at which the switch's edge is measured, steps/s.
+    pub home_slow_speed: u32,
+    /// How far to back off from the switch before the slow search, in steps.
+    pub home_back_off: u32,
+    /// Homing fails when the switch isn't found within this travel, in steps.
+    pub home_travel: u32,
+}
+
+/// All that the controller has to know of the rig.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Configuration {
+    /// The axes: pan, tilt, roll, light.
+    pub axes: [AxisParameters; AXES],
+    /// How long the lamp has to burn until it is warm, in s.
+    pub lamp_warm_up_s: u16,
+}
+
+/// What the host asks for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Command {
+    /// Sets the rig's parameters. Positions become unknown if they differ from those set.
+    Configure(Configuration),
+    /// Finds the home switches of all axes at once. Answered when done.
+    Home,
+    /// Moves all axes to absolute positions, in steps. Answered when all are there and settled.
+    MoveTo([i32; AXES]),
+    /// Decelerates all axes to rest and closes the shutter. Positions stay known.
+    Stop,
+    /// Switches the lamp.
+    Lamp {
+        /// Burning or not.
+        on: bool,
+        /// Level, of 65535.
+        level: u16,
+    },
+    /// Fires the shutter. Answered when it has closed.
+    Expose {
+        /// Open time, µs.
+        duration_us: u32,
+        /// Refuse unless the lamp is warm; false for dark frames.
+        warm_lamp: bool,
+    },
+    /// Asks how things stand.
+    Status,
+    /// Forgets the faults; positions stay unknown until the next homing.
+    ClearFaults,
+}
+
+/// A command with the id by which a repetition is known.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Request {
+    /// The session opened by the hello.
+    pub session: u32,
+    /// Rises from request to request; a repetition bears the same.
+    pub id: u32,
+    /// What to do.
+    pub command: Command,
+}
+
+/// What came of a request.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Response {
+    /// The request's session.
+    pub session: u32,
+    /// The request's id.
+    pub id: u32,
+    /// What came of it.
+    pub outcome: Outcome,
+}
+
+/// What came of a request.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Outcome {
+    /// Done.
+    Done(Answer),
+    /// Not done, or given up.
+    Refused(Refusal),
+    /// A repetition of the request that is being run: its answer comes when it has finished.
+    Running,
+}
+
+/// A result.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Answer {
+    /// Nothing to tell.
+    Nothing,
+    /// Positions after homing or a move, in steps.
+    At([i32; AXES]),
+    /// What an exposure was.
+    Exposed(Exposure),
+    /// How things stand.
+    Status(Status),
+}
+
+/// An exposure as it happened.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Exposure {
+    /// When the shutter opened, in the controller's time in µs.
+    pub start_us: u64,
+    /// How long it was open, µs.
+    pub open_us: u32,
+    /// Mean of the lamp's photodiode over the open time, in 1/256 of an ADC count.
+    pub reference_q8: u32,
+    /// Number of photodiode readings in that mean.
+    pub readings: u32,
+}
+
+/// Why a request isn't done.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Refusal {
+    /// No hello opened this session: the controller was reset, or another host took over.
+    NoSession,
+    /// An older request, whose answer is no longer kept. It isn't run again.
+    Stale,
+    /// No configuration yet.
+    NotConfigured,
+    /// A parameter is out of its range.
+    BadParameter {
+        /// Of which axis, unless it is of none.
+        axis: Option<Axis>,
+        /// Which.
+        field: Field,
+    },
+    /// Another request is being run.
+    Busy,
+    /// An axis hasn't been homed.
+    PositionUnknown(Axis),
+    /// A move beyond the limits.
+    OutOfLimits(Axis),
+    /// The lamp is off or not yet warm.
+    LampNotWarm {
+        /// How long it takes still, in s; `None` when it is off.
+        remaining_s: Option<u16>,
+    },
+    /// A fault stopped it, or one is waiting to be cleared.
+    Faulted(Faults),
+    /// The emergency stop is still pressed.
+    EmergencyStopPressed,
+    /// Given up because of a stop.
+    Stopped,
+}
+
+/// A parameter that can be out of range.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Field {
+    /// `min_steps` or `max_steps`.
+    Limits,
+    /// `max_speed`.
+    MaxSpeed,
+    /// `acceleration`.
+    Acceleration,
+    /// `take_up_steps`.
+    TakeUp,
+    /// `home_position`: not beyond the limits (and the take-up) on its side.
+    HomePosition,
+    /// `home_speed` or `home_slow_speed`.
+    HomeSpeed,
+    /// `home_back_off` or `home_travel`.
+    HomeTravel,
+    /// An exposure's `duration_us`.
+    Duration,
+}
+
+/// How things stand.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Status {
+    /// Positions in steps; they mean nothing where `known` is false.
+    pub positions: [i32; AXES],
+    /// Whether the axis was homed and nothing has happened to it since.
+    pub known: [bool; AXES],
+    /// Whether the axis is moving.
+    pub moving: [bool; AXES],
+    /// Whether the axis's home switch is closed.
+    pub at_switch: [bool; AXES],
+    /// Whether a configuration was set.
+    pub configured: bool,
+    /// Whether a request is being run.
+    pub busy: bool,
+    /// The lamp.
+    pub lamp: LampStatus,
+    /// Faults not yet cleared.
+    pub faults: Faults,
+    /// Whether the emergency stop is pressed now.
+    pub emergency_stop: bool,
+    /// The controller's time, µs since it started.
+    pub uptime_us: u64,
+}
+
+/// The lamp's state.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+pub struct LampStatus {
+    /// Burning or not.
+    pub on: bool,
+    /// Level, of 65535.
+    pub level: u16,
+    /// Whether it has burnt as long as it needs to.
+    pub warm: bool,
+    /// How long it takes still, in s; 0 when warm or off.
+    pub remaining_s: u16,
+}
+
+/// What the controller tells unasked.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Event {
+    /// A fault was raised.
+    Fault(FaultReport),
+}

@@ -1,0 +1,101 @@
+//! Packets: the payload of a frame, which is a hello or a message written with postcard.
+
+use serde::Serialize;
+use serde::de::DeserializeOwned;
+
+use crate::frame::{self, EncodedFrame, MAX_PAYLOAD};
+use crate::hello::{self, Hello, HelloReply};
+use crate::message::{Event, Request, Response};
+
+const MESSAGE: u8 = 1;
+const EVENT: u8 = 2;
+
+/// Why a payload can't be written or read.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum CodecError {
+    /// Longer than a frame may be.
+    TooLong,
+    /// Not a message of this schema.
+    Malformed,
+}
+
+/// What the host sends.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum ToController {
+    /// Opens a session.
+    Hello(Hello),
+    /// Asks for something.
+    Request(Request),
+}
+
+/// What the controller sends.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum ToHost {
+    /// Answers a hello.
+    Hello(HelloReply),
+    /// Answers a request.
+    Response(Response),
+    /// Tells of something unasked.
+    Event(Event),
+}
+
+impl ToController {
+    /// Writes it as a frame.
+    pub fn encode(&self) -> Result<EncodedFrame, CodecError> {
+        match self {
+            Self::Hello(hello) => wrap(&hello.write()),
+            Self::Request(request) => write(MESSAGE, request),
+        }
+    }
+
+    /// Reads a frame's payload.
+    pub fn decode(payload: &[u8]) -> Result<Self, CodecError> {
+        match payload {
+            [hello::KIND, ..] => {
+                Hello::read(payload).map(|(hello, _)| Self::Hello(hello)).ok_or(CodecError::Malformed)
+            }
+            [MESSAGE, body @ ..] => read(body).map(Self::Request),
+            _ => Err(CodecError::Malformed),
+        }
+    }
+}
+
+impl ToHost {
+    /// Writes it as a frame.
+    pub fn encode(&self) -> Result<EncodedFrame, CodecError> {
+        match self {
+            Self::Hello(reply) => wrap(&reply.write()),
+            Self::Response(response) => write(MESSAGE, response),
+            Self::Event(event) => write(EVENT, event),
+        }
+    }
+
+    /// Reads a frame's payload.
+    pub fn decode(payload: &[u8]) -> Result<Self, CodecError> {
+        match payload {
+            [hello::KIND, ..] => HelloReply::read(payload).map(Self::Hello).ok_or(CodecError::Malformed),
+            [MESSAGE, body @ ..] => read(body).map(Self::Response),
+            [EVENT, body @ ..] => read(body).map(Self::Event),
+            _ => Err(CodecError::Malformed),
+        }
+    }
+}
+
+fn write(kind: u8, message: &impl Serialize) -> Result<EncodedFrame, CodecError> {
+    let mut payload = [0; MAX_PAYLOAD];
+    payload[0] = kind;
+    let length = postcard::to_slice(message, &mut payload[1..]).map_err(|_| CodecError::TooLong)?.len();
+    wrap(&payload[..=length])
+}
+
+fn wrap(payload: &[u8]) -> Result<EncodedFrame, CodecError> {
+    frame::encode(payload).ok_or(CodecError::TooLong)
+}
+
+/// Bytes left over are an error: they belong to another schema.
+fn read<T: DeserializeOwned>(body: &[u8]) -> Result<T, CodecError> {
+    match postcard::take_from_bytes(body) {
+        Ok((message, [])) => Ok(message),
+        _ => Err(CodecError::Malformed),
+    }
+}
