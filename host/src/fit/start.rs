@@ -146,7 +146,7 @@ impl Search {
             let mut next = Vec::new();
             for set in &beam {
                 for &power in effort.powers {
-                    self.extensions(problem, &set.model, power, effort.beam, &mut next);
+                    self.extensions(problem, &set.model, power, effort, &mut next);
                 }
             }
             for candidate in &mut next {
@@ -179,10 +179,11 @@ impl Search {
         problem: &Problem<'_>,
         model: &Model,
         power: f64,
-        most: usize,
+        effort: Effort,
         found: &mut Vec<Candidate>,
     ) {
         let count = problem.samples.len();
+        let (most, thorough) = (effort.beam, effort.powers.len() > 1);
         let mut system = self.system_of(problem, model, power);
         self.scores.clear();
         self.scores.resize(self.bank.directions * EXPONENTS, f64::NEG_INFINITY);
@@ -194,7 +195,16 @@ impl Search {
         }
         let mut maxima: Vec<usize> = (0..self.scores.len()).filter(|&i| self.is_local_maximum(i)).collect();
         maxima.sort_by(|&a, &b| self.scores[b].total_cmp(&self.scores[a]).then(a.cmp(&b)));
-        for index in maxima.into_iter().take(most) {
+        maxima.truncate(most);
+        if thorough {
+            // What the closed form ranks badly can still be the best once optimised: every exponent gets a try.
+            for exponent in 0..EXPONENTS {
+                let directions = (0..self.bank.directions).map(|direction| direction * EXPONENTS + exponent);
+                let best = directions.max_by(|&a, &b| self.scores[a].total_cmp(&self.scores[b]));
+                maxima.extend(best.filter(|&i| self.scores[i].is_finite() && !maxima.contains(&i)));
+            }
+        }
+        for index in maxima {
             let (direction, exponent) = (index / EXPONENTS, index % EXPONENTS);
             self.join(&mut system, direction, exponent, count);
             let mut extended = model.clone();
