@@ -26,7 +26,8 @@ pub(super) fn run(args: &DemoArgs, context: &mut Context) -> Result<()> {
     let outcome = demo::run(&args.out, args.size, seed, &mut context.report)?;
     let mut renderings = Vec::new();
     if let Some(result) = outcome.fits.last() {
-        let (pictures, no_gpu) = demo::pictures::render(&result.map, &args.out, seed, &mut context.report)?;
+        let (pictures, no_gpu) =
+            demo::pictures::render(&result.map, args.size.picture(), &args.out, seed, &mut context.report)?;
         if let Some(why) = no_gpu {
             context.note(format!("no picture by the GPU: {why}"));
         }
