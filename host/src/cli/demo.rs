@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use clap::Args;
 
 use super::Context;
-use crate::demo::{self, Size};
+use crate::demo::{self, Size, page};
 use crate::error::{Error, Result};
 
 /// Arguments of `lobelia demo`.
@@ -24,8 +24,8 @@ pub(super) fn run(args: &DemoArgs, context: &mut Context) -> Result<()> {
     clear(&args.out)?;
     let seed = context.seed;
     let outcome = demo::run(&args.out, args.size, seed, &mut context.report)?;
-    let _ = &outcome;
     context.report.finish();
+    page::write(&outcome, &context.report, &[], &args.out.join("report.html"))?;
     context.report.write(&args.out.join("report.json"))?;
     for stage in &context.report.stages {
         println!("{:>8.2} s  {}", stage.seconds, stage.name);

@@ -13,6 +13,7 @@ use crate::reflectance::SbrdfMap;
 use crate::report::Report;
 use crate::rig::config::RigConfig;
 
+pub mod page;
 pub mod sample;
 pub mod truth;
 

@@ -77,7 +77,7 @@ fn known_tag(config: &RigConfig, id: u32) -> Option<&Tag> {
 }
 
 /// The corners of a tag on the sample's plane: top left, top right, bottom right, bottom left.
-fn tag_corners(config: &RigConfig, tag: &Tag) -> [DVec2; 4] {
+pub(crate) fn tag_corners(config: &RigConfig, tag: &Tag) -> [DVec2; 4] {
     let half = config.carrier.tag_size_mm / 2.0;
     [(-half, half), (half, half), (half, -half), (-half, -half)]
         .map(|(dx, dy)| DVec2::new(tag.x_mm + dx, tag.y_mm + dy))
@@ -109,8 +109,9 @@ fn fit(config: &RigConfig, seen: &[Detection]) -> Result<Homography, String> {
         let off = |detection: &Detection| {
             let tag = known_tag(config, detection.id).map(|tag| tag_corners(config, tag));
             let pairs = tag.into_iter().flatten().zip(detection.corners);
-            let distance =
-                |(plane, seen): (DVec2, DVec2)| (camera::to_pixel(&config.camera, homography.apply(plane)) - seen).length();
+            let distance = |(plane, seen): (DVec2, DVec2)| {
+                (camera::to_pixel(&config.camera, homography.apply(plane)) - seen).length()
+            };
             pairs.map(distance).fold(0.0, f64::max)
         };
         // The worst first: one false tag pulls the others off too.
