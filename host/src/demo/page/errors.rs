@@ -10,7 +10,7 @@ use crate::report::Report;
 const BINS: usize = 36;
 
 /// Plot area in a drawing of 360 × 230: left, top, width, height.
-const AREA: [f64; 4] = [46.0, 16.0, 300.0, 164.0];
+const AREA: [f64; 4] = [46.0, 20.0, 288.0, 160.0];
 
 /// The section.
 pub(super) fn section(outcome: &DemoOutcome, report: &Report) -> String {
@@ -97,11 +97,11 @@ impl Axes<'_> {
     fn draw(&self, histogram: &Histogram, median: f64, alt: &str) -> String {
         let [left, top, width, height] = AREA;
         let bottom = top + height;
-        let top_count = Scale::linear(0.0, self.most.max(1) as f64);
+        let top_count = Scale::linear(0.0, 1.05 * self.most.max(1) as f64);
         let y = |count: f64| bottom - height * top_count.place(count);
         let step = width / histogram.counts.len() as f64;
         let mut drawn = String::new();
-        for tick in top_count.ticks(4).into_iter().filter(|tick| tick.fract() == 0.0) {
+        for tick in top_count.ticks(5).into_iter().filter(|tick| tick.fract() == 0.0) {
             let at = y(tick);
             drawn += &format!(
                 "<path class=\"grid\" d=\"M{left} {at:.1}h{width}\"/><text class=\"end\" x=\"{:.1}\" y=\"{:.1}\">{}</text>",
@@ -124,7 +124,7 @@ impl Axes<'_> {
             drawn += &self.median(median);
         }
         format!(
-            "<svg role=\"img\" aria-label=\"histogram: {}\" viewBox=\"0 0 360 230\">{drawn}<text class=\"middle name\" x=\"{:.1}\" y=\"222\">{}</text><text class=\"name\" x=\"4\" y=\"10\">{}</text></svg>",
+            "<svg role=\"img\" aria-label=\"histogram: {}\" viewBox=\"0 0 360 230\">{drawn}<text class=\"middle name\" x=\"{:.1}\" y=\"222\">{}</text><text class=\"name\" x=\"4\" y=\"13\">{}</text></svg>",
             html::escape(alt),
             left + width / 2.0,
             self.x,
@@ -138,22 +138,20 @@ impl Axes<'_> {
         let percent = self.x.starts_with("relative");
         let ticks = self.scale.ticks(6).into_iter().map(|value| {
             let x = left + width * self.scale.place(value);
-            let text = if percent { format!("{} %", numbers::tick(100.0 * value)) } else { numbers::tick(value) };
+            let text = if percent { format!("{}\u{202f}%", numbers::tick(100.0 * value)) } else { numbers::tick(value) };
             format!("<path class=\"axis\" d=\"M{x:.1} {bottom}v4\"/><text class=\"middle\" x=\"{x:.1}\" y=\"{:.1}\">{text}</text>", bottom + 17.0)
         });
         format!("<path class=\"axis\" d=\"M{left} {bottom}h{width}\"/>{}", ticks.collect::<String>())
     }
 
-    /// A line at the median and its value, on the side with more room.
+    /// A line at the median, its value above.
     fn median(&self, median: f64) -> String {
         let [left, top, width, height] = AREA;
-        let place = self.scale.place(median).clamp(0.0, 1.0);
-        let x = left + width * place;
-        let (class, dx) = if place > 0.6 { ("end", -5.0) } else { ("start", 5.0) };
+        let x = left + width * self.scale.place(median).clamp(0.0, 1.0);
         format!(
-            "<path class=\"median\" d=\"M{x:.1} {top}v{height}\"/><text class=\"{class} strong\" x=\"{:.1}\" y=\"{:.1}\">median {}</text>",
-            x + dx,
-            top + 8.0,
+            "<path class=\"median\" d=\"M{x:.1} {top}v{height}\"/><text class=\"middle strong\" x=\"{:.1}\" y=\"{:.1}\">median {}</text>",
+            x.clamp(left + 56.0, left + width - 40.0),
+            top - 7.0,
             (self.label)(median)
         )
     }
@@ -169,7 +167,7 @@ fn table(errors: &[ErrorFigure]) -> String {
         let unit = if error.unit == "1" { "ratio" } else { &error.unit };
         format!(
             "<tr><td>{}<small>{}</small></td><td class=\"number\">{}</td><td>{}</td><td>{}</td></tr>\n",
-            html::escape(&error.name.replace('_', " ")),
+            html::escape(&error.name.replace('_', " ").replace("rms", "RMS")),
             depends.collect::<Vec<_>>().join(", "),
             numbers::significant(error.value, 3),
             html::escape(unit),

@@ -67,7 +67,7 @@ pub(super) fn section(outcome: &DemoOutcome) -> Result<String> {
         detail
     );
     let lead = format!(
-        "Pose {} of {}: light at θ<sub>i</sub> = {}, camera at θ<sub>o</sub> = {}. The printed tags, not the motors, say where every texel lies in the photograph: the tags of this pose fit one homography to {} mm RMS on the sample's plane.",
+        "Pose {} of {}: light at θ<sub>i</sub> = {}, camera at θ<sub>o</sub> = {}. The printed tags, not the motors, say where every texel lies in the photograph: the tags of this pose fit one homography to {} mm RMS on the sample’s plane.",
         pose + 1,
         outcome.run.plan.poses.len(),
         numbers::degrees(pick::polar(wi)),
@@ -232,7 +232,7 @@ fn overlay(config: &RigConfig, registration: &Registration, seen: &[Detection]) 
     drawn
 }
 
-/// A magnified piece at the sample's upper left corner: in grey as recorded, in the filters' colours, and interpolated.
+/// A magnified piece at a corner of the sample: in grey as recorded, in the filters' colours, and interpolated.
 fn detail(
     config: &RigConfig,
     raw: &RawFrame,
@@ -263,9 +263,13 @@ fn detail(
         colour::to_srgb8(Rgb::from_array(planes.sample(DVec2::new(x as f64, y as f64))) * exposure)
     });
     let figures = [
-        (grey, "magnified mosaic in grey", "The sample's upper left corner, magnified: one value a pixel"),
-        (filters, "magnified mosaic in the filters' colours", "each behind a red, green or blue filter"),
-        (colours, "magnified picture in colour", "interpolated to three colours a pixel"),
+        (grey, "magnified mosaic in grey", "A corner of the sample, magnified: one value a pixel"),
+        (
+            filters,
+            "magnified mosaic in the filters' colours",
+            "Each pixel saw the sample through a red, green or blue filter",
+        ),
+        (colours, "magnified picture in colour", "Interpolated to three colours a pixel"),
     ];
     let drawn = figures
         .iter()

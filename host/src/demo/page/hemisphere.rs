@@ -78,9 +78,9 @@ pub(super) fn discs(
     let measured = measured(sampled, isotropic, texel.index);
     let fitted = disc(|wo| colour::luminance(map.eval(texel.index, light(), wo)));
     let truth = disc(|wo| colour::luminance(texel.material.eval(light(), wo)));
-    let all: Vec<f32> = [&measured, &fitted, &truth].into_iter().flatten().copied().collect();
+    let all: Vec<f32> = [&fitted, &truth].into_iter().flatten().copied().collect();
     let high = quantile(&all, 1.0);
-    // Three decades at most: darker is dark.
+    // Nearest samples may be far ones: they do not set the range. Three decades at most: darker is dark.
     let scale = Scale::log(quantile(&all, 0.005).max(1e-3 * high), high);
     let figures = [
         (measured, "Measured", "the nearest sample’s luminance, without interpolation"),
@@ -94,8 +94,8 @@ pub(super) fn discs(
             Ok(html::figure(&hemisphere(&png, name), &format!("<b>{name}</b>: {what}")))
         })
         .collect::<Result<String>>()?;
-    let bar = html::colour_bar(ColourMap::Viridis, &scale, "luminance of f, sr⁻¹", 8);
-    Ok(format!("<div class=\"three discs\">{drawn}</div>\n{bar}\n"))
+    let bar = html::colour_bar(ColourMap::Viridis, &scale, "luminance of f, sr⁻¹", 5);
+    Ok(format!("<div class=\"four discs\">{drawn}<div>{bar}</div></div>\n"))
 }
 
 /// A disc with rings at 30° and 60° and at the measured limit, the light and the mirror direction.

@@ -38,13 +38,11 @@ pub(super) fn section(id: &str, heading: &str, lead: &str, content: &str) -> Str
 
 /// A colour bar with ticks and unit.
 pub(super) fn colour_bar(map: ColourMap, scale: &Scale, unit: &str, most_ticks: usize) -> String {
-    let ticks: String = scale
-        .ticks(most_ticks)
-        .into_iter()
-        .map(|value| {
-            format!("<span style=\"left:{:.1}%\">{}</span>", 100.0 * scale.place(value), numbers::tick(value))
-        })
-        .collect();
+    let values = scale.ticks(most_ticks);
+    let place = |(value, text): (&f64, String)| {
+        format!("<span style=\"left:{:.1}%\">{text}</span>", 100.0 * scale.place(*value))
+    };
+    let ticks: String = values.iter().zip(numbers::ticks(&values)).map(place).collect();
     let unit = if unit.is_empty() { String::new() } else { format!("<i>{}</i>", escape(unit)) };
     format!(
         "<div class=\"bar\"><div class=\"ramp\" style=\"background:{}\"></div><div class=\"ticks\">{ticks}</div>{unit}</div>",

@@ -18,23 +18,23 @@ pub(super) fn section(fit: &FitOutcome) -> Result<String> {
         figures +=
             &scalars("β, direction of anisotropy", "°", map.width, &degrees, scale, ColourMap::Signed)?;
     }
-    if let Some(relative) = map.extra.get("error.relative") {
-        let scale = Scale::of(relative, 0.01, 0.99, true);
-        figures += &scalars(
-            "Residual of the fit, relative RMS",
-            "",
-            map.width,
-            relative,
-            scale,
-            ColourMap::Viridis,
-        )?;
+    let relative = map.extra.get("error.relative").map(Vec::as_slice).unwrap_or_default();
+    for (name, values) in [("Residual, relative RMS", relative), ("Error against the truth", &fit.errors)] {
+        let scale = Scale::of(values, 0.01, 0.99, true);
+        figures += &scalars(name, "", map.width, values, scale, ColourMap::Viridis)?;
     }
-    let mut content = format!("<h3>Diffuse term and residual</h3>\n<div class=\"four\">{figures}</div>\n");
+    let samples = map.extra.get("samples").map(Vec::as_slice).unwrap_or_default();
+    let [fewest, most] = [0.0, 1.0].map(|share| quantile(samples, share));
+    if fewest < most {
+        let scale = Scale::linear(0.0, most);
+        figures += &scalars("Valid samples", "", map.width, samples, scale, ColourMap::Viridis)?;
+    }
+    let mut content = format!("<h3>Diffuse term and errors</h3>\n<div class=\"four\">{figures}</div>\n");
     for (rank, lobes) in ranked_lobes(map).iter().enumerate() {
         let name = lobe_name(rank, map.lobes.len());
         content += &format!("<h3>{name}</h3>\n<div class=\"four\">{}</div>\n", lobe_maps(map.width, lobes)?);
     }
-    let lead = "The coefficients of f = ρ<sub>d</sub> + Σ ρ<sub>s</sub> (C<sub>x</sub>ω<sub>ix</sub>ω<sub>ox</sub> + C<sub>y</sub>ω<sub>iy</sub>ω<sub>oy</sub> + C<sub>z</sub>ω<sub>iz</sub>ω<sub>oz</sub>)<sup>n</sup> at every texel, as <code>material.exr</code> holds them, but each texel's lobes sorted by exponent and scaled so that the largest |C| is 1. C<sub>x</sub> below 0 reflects forward, above 0 back to the light.";
+    let lead = "The coefficients of f = ρ<sub>d</sub> + Σ ρ<sub>s</sub> (C<sub>x</sub>ω<sub>ix</sub>ω<sub>ox</sub> + C<sub>y</sub>ω<sub>iy</sub>ω<sub>oy</sub> + C<sub>z</sub>ω<sub>iz</sub>ω<sub>oz</sub>)<sup>n</sup> at every texel, as <code>material.exr</code> holds them, but each texel’s lobes sorted by exponent and scaled so that the largest |C| is 1. C<sub>x</sub> below 0 reflects forward, above 0 back to the light.";
     Ok(html::section("maps", "Maps of the fitted coefficients", lead, &content))
 }
 
@@ -82,7 +82,8 @@ fn lobe_maps(width: usize, lobes: &[Option<Lobe>]) -> Result<String> {
 /// A map of colours.
 fn colours(name: &str, alt: &str, width: usize, values: &[Rgb]) -> Result<String> {
     let brightest: Vec<f32> = values.iter().map(|rgb| rgb.max_element()).collect();
-    let white = quantile(&brightest, 0.98).max(1e-6);
+    // Texels on an edge of the pattern can have a few needle-sharp lobes of any height: they do not set the white.
+    let white = quantile(&brightest, 0.98).min(3.0 * quantile(&brightest, 0.6)).max(1e-6);
     let raster =
         Raster::opaque(width, values.len() / width.max(1), |k| colour::to_srgb8(values[k] / white as f32));
     let caption = format!(

@@ -67,7 +67,7 @@ fn head(outcome: &DemoOutcome, result: &FitOutcome, report: &Report, renderings:
     let carrier = &outcome.run.rig.carrier;
     let photographs: usize = outcome.run.plan.poses.iter().map(|pose| pose.exposures_s.len()).sum();
     let sentence = format!(
-        "A simulated gonioreflectometer photographed a flat sample of {} × {} mm {} times in {} poses of light and camera; the photographs became the reflectance of every texel, and each texel was fitted with {} by {}.",
+        "A simulated gonioreflectometer photographed a flat sample, {} × {} mm, {} times in {} poses of light and camera; the photographs became the reflectance of every texel, and each texel was fitted with {} by {}.",
         numbers::tick(carrier.sample_width_mm),
         numbers::tick(carrier.sample_height_mm),
         numbers::count(photographs),
@@ -75,8 +75,12 @@ fn head(outcome: &DemoOutcome, result: &FitOutcome, report: &Report, renderings:
         if result.lobes == 1 { "one lobe".into() } else { format!("{} lobes", result.lobes) },
         if result.method.name() == "lm" { "Levenberg–Marquardt" } else { "a line search" }
     );
+    let title = match renderings {
+        [] => "A material, measured and fitted",
+        _ => "A material, measured, fitted and rendered",
+    };
     format!(
-        "<header id=\"head\">\n<h1>A material, measured and fitted</h1>\n<p class=\"lead\">{sentence}</p>\n</header>\n{}{}",
+        "<header id=\"head\">\n<h1>{title}</h1>\n<p class=\"lead\">{sentence}</p>\n</header>\n{}{}",
         hero(renderings),
         tiles(outcome, result, report)
     )

@@ -29,6 +29,19 @@ pub(super) fn tick(value: f64) -> String {
     text.trim_end_matches('0').trim_end_matches('.').into()
 }
 
+/// The ticks of one axis: positive values of about the same size with the same number of decimals.
+pub(super) fn ticks(values: &[f64]) -> Vec<String> {
+    let texts: Vec<String> = values.iter().map(|&value| tick(value)).collect();
+    let (low, high) = values.iter().fold((f64::MAX, 0f64), |(low, high), &v| (low.min(v), high.max(v)));
+    let alike = high < 5.0 * low;
+    if !alike || texts.iter().any(|text| text.contains('×')) {
+        return texts;
+    }
+    let decimals = |text: &String| text.split_once('.').map_or(0, |(_, digits)| digits.len());
+    let most = texts.iter().map(decimals).max().unwrap_or(0);
+    values.iter().map(|value| format!("{value:.most$}")).collect()
+}
+
 /// A whole number in groups of three, narrow spaces between.
 pub(super) fn count(value: usize) -> String {
     let digits = value.to_string();
@@ -45,7 +58,7 @@ pub(super) fn count(value: usize) -> String {
 /// A duration in seconds, to a hundredth below ten.
 pub(super) fn seconds(value: f64) -> String {
     let decimals = if value < 9.995 { 2 } else { 1 };
-    format!("{value:.decimals$} s")
+    format!("{value:.decimals$}\u{202f}s")
 }
 
 /// Memory in MiB or GiB; a dash when it is not known.
@@ -53,14 +66,14 @@ pub(super) fn bytes(value: u64) -> String {
     let mib = value as f64 / (1 << 20) as f64;
     match value {
         0 => "–".into(),
-        _ if mib < 1000.0 => format!("{mib:.0} MiB"),
-        _ => format!("{:.2} GiB", mib / 1024.0),
+        _ if mib < 1000.0 => format!("{mib:.0}\u{202f}MiB"),
+        _ => format!("{:.2}\u{202f}GiB", mib / 1024.0),
     }
 }
 
 /// A share in per cent.
 pub(super) fn percent(value: f64) -> String {
-    if value.is_finite() { format!("{} %", significant(100.0 * value, 2)) } else { "–".into() }
+    if value.is_finite() { format!("{}\u{202f}%", significant(100.0 * value, 2)) } else { "–".into() }
 }
 
 /// An angle given in radians, in whole degrees.
@@ -89,6 +102,9 @@ mod tests {
         let wanted = ["0", "0.00488", "0.126", "10.0", "1235", "−0.500", "1.00 × 10⁻⁷", "2.50 × 10⁹", "–"];
         assert_eq!(written, wanted);
         assert_eq!([0.5, 20.0, 0.25, 100.0].map(tick), ["0.5", "20", "0.25", "100"]);
+        assert_eq!(ticks(&[0.058, 0.06, 0.062]), ["0.058", "0.060", "0.062"]);
+        assert_eq!(ticks(&[0.01, 0.1, 1.0]), ["0.01", "0.1", "1"]);
+        assert_eq!(ticks(&[-1.0, -0.5, 0.0]), ["−1", "−0.5", "0"]);
     }
 
     #[test]
@@ -97,9 +113,9 @@ mod tests {
             [7, 999, 2304, 1_048_576].map(count),
             ["7", "999", "2\u{202f}304", "1\u{202f}048\u{202f}576"]
         );
-        assert_eq!([0.126, 9.996, 61.04].map(seconds), ["0.13 s", "10.0 s", "61.0 s"]);
-        assert_eq!([0, 33_513_472, 1 << 31].map(bytes), ["–", "32 MiB", "2.00 GiB"]);
-        assert_eq!([0.030_018, 0.5389].map(percent), ["3.0 %", "54 %"]);
+        assert_eq!([0.126, 9.996, 61.04].map(seconds), ["0.13\u{202f}s", "10.0\u{202f}s", "61.0\u{202f}s"]);
+        assert_eq!([0, 33_513_472, 1 << 31].map(bytes), ["–", "32\u{202f}MiB", "2.00\u{202f}GiB"]);
+        assert_eq!([0.030_018, 0.5389].map(percent), ["3.0\u{202f}%", "54\u{202f}%"]);
         assert_eq!([-0.001, -1.0, 0.5].map(degrees), ["0°", "−57°", "29°"]);
     }
 }
