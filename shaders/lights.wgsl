@@ -22,6 +22,7 @@ struct Material {
     height: u32,
     bilinear: u32,
     tiling: vec2f,
+    padding: vec2f,
 }
 
 struct Texel {

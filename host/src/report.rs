@@ -125,7 +125,8 @@ impl Report {
 /// The processor's name as Linux tells it, or the architecture.
 fn cpu_name() -> String {
     let info = std::fs::read_to_string("/proc/cpuinfo").unwrap_or_default();
-    let name = info.lines().find(|line| line.starts_with("model name")).and_then(|line| line.split(": ").nth(1));
+    let name =
+        info.lines().find(|line| line.starts_with("model name")).and_then(|line| line.split(": ").nth(1));
     name.unwrap_or(std::env::consts::ARCH).to_string()
 }
 

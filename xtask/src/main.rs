@@ -1,2 +1,77 @@
-//! Lobelia.
-fn main() {}
+//! Project tasks, run as `cargo xtask TASK`.
+
+mod packages;
+
+use std::process::{Command, ExitCode};
+use std::time::Instant;
+
+use anyhow::{Result, bail};
+
+const HELP: &str = "cargo xtask TASK
+
+  test    formatting, clippy, documentation, and all unit, property, end-to-end and doc tests
+  long    the long sweeps that `test` leaves out
+  help    this text
+
+`test` installs the software Vulkan driver that the GPU tests need when it runs as root on a Debian-like machine, and
+names it otherwise; without it those tests are skipped and say so.";
+
+fn main() -> ExitCode {
+    let task = std::env::args().nth(1);
+    let done = match task.as_deref() {
+        Some("test") => test(),
+        Some("long") => long(),
+        Some("help" | "--help" | "-h") | None => {
+            println!("{HELP}");
+            Ok(())
+        }
+        Some(other) => {
+            eprintln!("xtask: no task is called `{other}`\n\n{HELP}");
+            return ExitCode::from(2);
+        }
+    };
+    match done {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            eprintln!("xtask: {error:#}");
+            ExitCode::FAILURE
+        }
+    }
+}
+
+/// Everything that a change has to pass.
+fn test() -> Result<()> {
+    let start = Instant::now();
+    packages::ensure_vulkan_driver();
+    step("formatting", &["fmt", "--all", "--check"], &[])?;
+    let clippy = ["clippy", "--workspace", "--all-targets", "--quiet", "--", "-D", "warnings"];
+    step("clippy", &clippy, &[])?;
+    step(
+        "clippy without the simulator",
+        &["clippy", "-p", "lobelia", "--no-default-features", "--quiet", "--", "-D", "warnings"],
+        &[],
+    )?;
+    step("the lobelia command", &["build", "--package", "lobelia", "--quiet"], &[])?;
+    step("tests", &["test", "--workspace", "--quiet"], &[])?;
+    let documentation = ["doc", "--workspace", "--no-deps", "--quiet"];
+    step("documentation", &documentation, &[("RUSTDOCFLAGS", "-D warnings")])?;
+    println!("xtask: all passed in {:.0} s", start.elapsed().as_secs_f64());
+    Ok(())
+}
+
+/// The tests that are too long for every change, optimised.
+fn long() -> Result<()> {
+    step("the lobelia command", &["build", "--release", "--package", "lobelia", "--quiet"], &[])?;
+    step("long sweeps", &["test", "--release", "--workspace", "--", "--ignored"], &[])
+}
+
+/// Runs cargo with some arguments and environment, telling what for.
+fn step(name: &str, arguments: &[&str], environment: &[(&str, &str)]) -> Result<()> {
+    println!("xtask: {name}: cargo {}", arguments.join(" "));
+    let cargo = std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into());
+    let status = Command::new(cargo).args(arguments).envs(environment.iter().copied()).status()?;
+    if !status.success() {
+        bail!("{name} failed ({status})");
+    }
+    Ok(())
+}

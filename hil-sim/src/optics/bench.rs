@@ -200,7 +200,7 @@ impl OpticalBench {
         values.par_chunks_mut(width).zip(image.data.par_chunks(width)).enumerate().for_each(
             |(y, (row, light))| {
                 for (x, (value, &radiance)) in row.iter_mut().zip(light).enumerate() {
-                    let pixel_key = noise::hash(key ^ (y * width + x) as u64);
+                    let pixel_key = noise::combine(&[key, (y * width + x) as u64]);
                     let radiance = radiance * lamp_relative as f32;
                     *value = self.config.sensor.record(radiance, bayer_channel(x, y), open_s, pixel_key);
                 }

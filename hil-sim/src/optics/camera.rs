@@ -125,7 +125,8 @@ mod tests {
         assert_eq!(sensor.record(1e3, 1, 1.0, 5), 16383);
         assert_eq!(sensor.record(0.0, 1, 1.0, 5), 512);
         let mean =
-            (0..4000).map(|k| f64::from(sensor.record(1e-3, 0, 1.0, noise::hash(k)))).sum::<f64>() / 4000.0;
+            (0..4000).map(|k| f64::from(sensor.record(1e-3, 0, 1.0, noise::combine(&[k])))).sum::<f64>()
+                / 4000.0;
         assert!((mean - 1512.0).abs() < 2.0, "{mean}");
     }
 }

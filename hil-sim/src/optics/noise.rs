@@ -1,21 +1,15 @@
 //! Random numbers as pure functions of a key, so that a frame's noise does not depend on what was taken before it.
 
-/// SplitMix64's output function: a well-mixed hash of 64 bits.
-pub fn hash(key: u64) -> u64 {
-    let mut z = key.wrapping_add(0x9e37_79b9_7f4a_7c15);
-    z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-    z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-    z ^ (z >> 31)
-}
+use crate::noise::hash;
 
-/// Combines several keys into one.
+/// One key from several.
 pub fn combine(keys: &[u64]) -> u64 {
-    keys.iter().fold(0, |state, &key| hash(state ^ hash(key)))
+    hash(keys)
 }
 
 /// Two independent uniform numbers, the first in (0, 1], the second in [0, 1).
 fn uniform_pair(key: u64) -> (f32, f32) {
-    let bits = hash(key);
+    let bits = hash(&[key]);
     let scale = 1.0 / (1u64 << 24) as f32;
     (((bits >> 40) + 1) as f32 * scale, (bits & 0x00ff_ffff) as f32 * scale)
 }

@@ -152,12 +152,15 @@ impl MaterialRecipe {
             (None, Some(table), None) => {
                 let path = folder.join(table);
                 let table = MeasuredTable::read(&path).map_err(|error| Error::input(error.to_string()))?;
-                let brdf = InterpolatedBrdf::new(&table, self.wavelengths_nm.unwrap_or([650.0, 550.0, 450.0]))
-                    .map_err(|error| Error::input(error.to_string()).at(path.display()))?;
+                let brdf =
+                    InterpolatedBrdf::new(&table, self.wavelengths_nm.unwrap_or([650.0, 550.0, 450.0]))
+                        .map_err(|error| Error::input(error.to_string()).at(path.display()))?;
                 Ok(Material::Measured(Arc::new(brdf)))
             }
             (None, None, Some(rho_d)) => Ok(Material::Lobes(self.lobe_brdf(rho_d)?)),
-            _ => Err(Error::input("exactly one of `published`, `table` and `rho_d` (with lobes) must be given")),
+            _ => Err(Error::input(
+                "exactly one of `published`, `table` and `rho_d` (with lobes) must be given",
+            )),
         }
     }
 
@@ -187,7 +190,8 @@ mod tests {
 
     #[test]
     fn a_recipe_names_unknown_keys_and_unknown_materials() {
-        let unknown = toml_file::parse::<Recipe>("pattern = { kind = \"checks\", size = 4 }", "m.toml").unwrap_err();
+        let unknown =
+            toml_file::parse::<Recipe>("pattern = { kind = \"checks\", size = 4 }", "m.toml").unwrap_err();
         assert!(unknown.to_string().contains("size_mm"), "{unknown}");
         let recipe: Recipe = toml_file::parse(
             "pattern = { kind = \"checks\", size_mm = 4 }\n[[material]]\npublished = \"velvet\"\n",

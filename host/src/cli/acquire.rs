@@ -57,7 +57,10 @@ pub(super) fn run(args: &AcquireArgs, context: &mut Context) -> Result<()> {
     context.report.figure("poses", acquired.poses);
     context.report.figure("controller_s", acquired.controller_s);
     let path = args.output.display();
-    println!("{path}: {} poses photographed, {:.0} s by the rig's clock", acquired.poses, acquired.controller_s);
+    println!(
+        "{path}: {} poses photographed, {:.0} s by the rig's clock",
+        acquired.poses, acquired.controller_s
+    );
     Ok(())
 }
 
@@ -78,9 +81,9 @@ fn open(args: &AcquireArgs, context: &mut Context) -> Result<(RunFolder, Journal
 fn connect(args: &AcquireArgs, rig: &RigConfig) -> Result<Station> {
     match (args.port.as_str(), args.camera.as_str()) {
         ("sim", "sim") => simulated(args.material.as_deref(), rig),
-        ("sim", _) | (_, "sim") => {
-            Err(Error::input("--port sim and --camera sim go together: the simulated camera sees the simulated rig"))
-        }
+        ("sim", _) | (_, "sim") => Err(Error::input(
+            "--port sim and --camera sim go together: the simulated camera sees the simulated rig",
+        )),
         (port, camera) => {
             let Some(folder) = camera.strip_prefix("watch:") else {
                 let message = format!("--camera {camera} is not known; it is sim or watch:DIR");

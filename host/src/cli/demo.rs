@@ -24,8 +24,16 @@ pub(super) fn run(args: &DemoArgs, context: &mut Context) -> Result<()> {
     clear(&args.out)?;
     let seed = context.seed;
     let outcome = demo::run(&args.out, args.size, seed, &mut context.report)?;
+    let mut renderings = Vec::new();
+    if let Some(result) = outcome.fits.last() {
+        let (pictures, no_gpu) = demo::pictures::render(&result.map, &args.out, seed, &mut context.report)?;
+        if let Some(why) = no_gpu {
+            context.note(format!("no picture by the GPU: {why}"));
+        }
+        renderings = pictures;
+    }
     context.report.finish();
-    page::write(&outcome, &context.report, &[], &args.out.join("report.html"))?;
+    page::write(&outcome, &context.report, &renderings, &args.out.join("report.html"))?;
     context.report.write(&args.out.join("report.json"))?;
     for stage in &context.report.stages {
         println!("{:>8.2} s  {}", stage.seconds, stage.name);

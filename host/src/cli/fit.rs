@@ -1,7 +1,458 @@
-//! Stub.
-use clap::Args;
-use super::Context;
-use crate::error::Result;
-#[derive(Debug, Args)]
-pub(super) struct FitArgs {}
-pub(super) fn run(_: &FitArgs, _: &mut Context) -> Result<()> { Ok(()) }
+//! `lobelia fit`: a sampled SBRDF into an SBRDF map, or one measured table into lobes a wavelength.
+
+use std::collections::BTreeMap;
+use std::fmt::Write as _;
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+use clap::{Args, ValueEnum};
+
+use crate::error::{Error, Result};
+use crate::fit::figures::ErrorFigure;
+use crate::fit::table::{self, TableOptions, WavelengthFit};
+use crate::fit::{self, Diffuse, FitOptions, MOST_LOBES, Method, Residual};
+use crate::reflectance::{MeasuredTable, SbrdfMap};
+use crate::sampled::SampledSbrdf;
+
+/// Lobes unless a number is asked for: what most materials need and no start fails on.
+const AUTO_LOBES: usize = 2;
+
+/// Arguments of `lobelia fit`.
+#[derive(Debug, Clone, Args)]
+pub(super) struct FitArgs {
+    /// A sampled SBRDF (folder.zarr) or a measured table (FILE.brdf)
+    pub(super) input: PathBuf,
+    /// The SBRDF map to write (OpenEXR); required for a sampled SBRDF
+    #[arg(short, long, value_name = "FILE.exr")]
+    pub(super) output: Option<PathBuf>,
+    /// Lobes beside the diffuse term: 0 to 3, or `auto` (2; 1 with the line search)
+    #[arg(long, default_value = "auto", value_name = "auto|N", value_parser = parse_lobes)]
+    pub(super) lobes: Lobes,
+    /// How the lobes' shapes are found
+    #[arg(long, value_enum, default_value_t = MethodName::Auto)]
+    pub(super) method: MethodName,
+    /// The scale on which fitted and measured values are compared; `auto` is proportional for texels, balanced for tables
+    #[arg(long, value_enum, default_value_t = ResidualName::Auto)]
+    pub(super) residual: ResidualName,
+    /// Isotropic lobes only: Cx = Cy, no direction of anisotropy. Tables are always fitted so
+    #[arg(long)]
+    pub(super) isotropic: bool,
+    /// Take the diffuse term from this percentile of a texel's samples instead of fitting it with the lobes
+    #[arg(long, value_name = "PERCENT")]
+    pub(super) diffuse_percentile: Option<f64>,
+    /// Wavelengths of a table to fit, nm; three of them can be written as red, green and blue, the longest as red
+    #[arg(long, value_delimiter = ',', value_name = "NM,…", default_values_t = [450.0, 550.0, 650.0])]
+    pub(super) wavelengths_nm: Vec<f64>,
+    /// Incidences of a table that the fit does not see, degrees; the errors there are reported
+    #[arg(long, value_delimiter = ',', value_name = "DEG,…")]
+    pub(super) hold_out_theta_deg: Vec<f64>,
+    /// Compare the deterministic start on a table with the best of this many random ones
+    #[arg(long, default_value_t = 0, value_name = "N")]
+    pub(super) random_starts: usize,
+}
+
+/// A number of lobes, or the choice left to the command.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Lobes {
+    /// [`AUTO_LOBES`], or 1 where the method cannot do more.
+    Auto,
+    /// This many.
+    Count(usize),
+}
+
+/// Names of methods on the command line.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub(super) enum MethodName {
+    /// Levenberg–Marquardt
+    Auto,
+    /// The published line search over the exponent; one lobe
+    LineSearch,
+    /// Levenberg–Marquardt from a deterministic search for the start
+    Lm,
+}
+
+/// Names of residuals on the command line.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub(super) enum ResidualName {
+    /// Proportional for texels, balanced for tables
+    Auto,
+    /// f
+    Linear,
+    /// f cosθ_o
+    CosineWeighted,
+    /// f over the measured f plus 0.02 sr⁻¹
+    Proportional,
+    /// ln(1e-3 + f cosθ_o)
+    Log,
+    /// As log, but relative where a bright sample is exceeded
+    Balanced,
+    /// Cube root of (1e-3 + f cosθ_o)
+    CubeRoot,
+}
+
+/// What the command found, for the report.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub(super) struct FitOutcome {
+    /// Errors.
+    pub(super) errors: Vec<ErrorFigure>,
+    /// Counts and rates.
+    pub(super) figures: BTreeMap<String, serde_json::Value>,
+}
+
+fn parse_lobes(text: &str) -> std::result::Result<Lobes, String> {
+    if text == "auto" {
+        return Ok(Lobes::Auto);
+    }
+    match text.parse() {
+        Ok(count) if count <= MOST_LOBES => Ok(Lobes::Count(count)),
+        _ => Err(format!("must be `auto` or 0 to {MOST_LOBES}")),
+    }
+}
+
+impl FitArgs {
+    fn method(&self) -> Method {
+        match self.method {
+            MethodName::LineSearch => Method::LineSearch,
+            MethodName::Auto | MethodName::Lm => Method::Lm,
+        }
+    }
+
+    fn lobes(&self) -> usize {
+        match (self.lobes, self.method()) {
+            (Lobes::Count(count), _) => count,
+            (Lobes::Auto, Method::LineSearch) => 1,
+            (Lobes::Auto, Method::Lm) => AUTO_LOBES,
+        }
+    }
+
+    fn residual(&self, auto: Residual) -> Residual {
+        match self.residual {
+            ResidualName::Auto => auto,
+            ResidualName::Linear => Residual::Linear,
+            ResidualName::CosineWeighted => Residual::CosineWeighted,
+            ResidualName::Proportional => Residual::Proportional,
+            ResidualName::Log => Residual::Log,
+            ResidualName::Balanced => Residual::Balanced,
+            ResidualName::CubeRoot => Residual::CubeRoot,
+        }
+    }
+}
+
+/// Runs `lobelia fit` and notes errors, figures and time.
+///
+/// # Errors
+/// As [`fit_input`].
+pub(super) fn run(args: &FitArgs, context: &mut super::Context) -> Result<()> {
+    context.report.input(&args.input);
+    let seed = context.seed;
+    let outcome = context.report.stage("fit", || fit_input(args, seed))?;
+    context.report.errors.extend(outcome.errors);
+    context.report.figures.extend(outcome.figures);
+    Ok(())
+}
+
+/// Prints what was found to stdout and writes the map where one is asked for. `seed` is that of the random starts.
+///
+/// # Errors
+/// Input errors for files and options that make no sense; failures of the disk.
+fn fit_input(args: &FitArgs, seed: u64) -> Result<FitOutcome> {
+    match args.input.extension().and_then(|extension| extension.to_str()) {
+        Some("zarr") => fit_sampled(args),
+        Some("brdf") => fit_table(args, seed),
+        _ => Err(Error::input(format!(
+            "{}: `fit` reads a sampled SBRDF (.zarr) or a measured table (.brdf); the name's ending must say which",
+            args.input.display()
+        ))),
+    }
+}
+
+fn fit_sampled(args: &FitArgs) -> Result<FitOutcome> {
+    let Some(output) = &args.output else {
+        return Err(Error::input("a sampled SBRDF needs -o FILE.exr, the SBRDF map to write"));
+    };
+    if !args.hold_out_theta_deg.is_empty() || args.random_starts > 0 {
+        return Err(Error::input("--hold-out-theta-deg and --random-starts are for measured tables (.brdf)"));
+    }
+    let options = FitOptions {
+        lobes: args.lobes(),
+        method: args.method(),
+        isotropic: args.isotropic,
+        diffuse: args.diffuse_percentile.map_or(Diffuse::Joint, Diffuse::Percentile),
+        residual: args.residual(FitOptions::default().residual),
+    };
+    options.check()?;
+    let sampled = SampledSbrdf::read_zarr(&args.input)?;
+    let start = Instant::now();
+    let map = fit::fit_sbrdf(&sampled, &options)?;
+    let seconds = start.elapsed().as_secs_f64();
+    write_map(&map, output)?;
+    let outcome = sampled_outcome(&map, &options, seconds);
+    let value =
+        |name: &str| outcome.errors.iter().find(|error| error.name == name).map_or(0.0, |error| error.value);
+    print(&format!(
+        "{} texels × {} poses, {} lobes by {}: {seconds:.1} s\nresidual: median {:.2} % of the samples' RMS, 95 % of the texels below {:.2} %\n",
+        sampled.texels(),
+        sampled.poses.len(),
+        options.lobes,
+        options.method.name(),
+        100.0 * value("residual_relative_median"),
+        100.0 * value("residual_relative_p95"),
+    ))?;
+    Ok(outcome)
+}
+
+/// Errors and rates of a fitted map.
+pub(super) fn sampled_outcome(map: &SbrdfMap, options: &FitOptions, seconds: f64) -> FitOutcome {
+    let mut relative: Vec<f32> = (map.extra["error.relative"].iter().zip(&map.extra["samples"]))
+        .filter(|&(_, &samples)| samples > 0.0)
+        .map(|(&error, _)| error)
+        .collect();
+    relative.sort_by(f32::total_cmp);
+    let texels = map.width * map.height;
+    let over = format!("{} texels", relative.len());
+    let mut outcome = FitOutcome::default();
+    for (name, share) in [("residual_relative_median", 0.5), ("residual_relative_p95", 0.95)] {
+        let place = ((relative.len() as f64 * share) as usize).min(relative.len().saturating_sub(1));
+        let value = relative.get(place).map_or(0.0, |&error| f64::from(error));
+        let figure = ErrorFigure::new(name, value, "1", over.clone())
+            .with("lobes", options.lobes)
+            .with("method", options.method.name())
+            .with("residual", options.residual.name());
+        outcome.errors.push(figure);
+    }
+    outcome.figures.insert("texels".into(), texels.into());
+    outcome.figures.insert("texels_without_samples".into(), (texels - relative.len()).into());
+    outcome.figures.insert("texels_per_second".into(), (texels as f64 / seconds.max(1e-9)).into());
+    outcome
+}
+
+fn fit_table(args: &FitArgs, seed: u64) -> Result<FitOutcome> {
+    if args.diffuse_percentile.is_some() {
+        return Err(Error::input("--diffuse-percentile is for sampled SBRDFs (.zarr)"));
+    }
+    let options = TableOptions {
+        method: args.method(),
+        residual: args.residual(Residual::Balanced),
+        hold_out_theta_deg: args.hold_out_theta_deg.clone(),
+        random_starts: args.random_starts,
+        seed,
+    };
+    if args.output.is_some() && args.wavelengths_nm.len() != 3 {
+        return Err(Error::input(format!(
+            "-o writes red, green and blue: give three --wavelengths-nm, not {}",
+            args.wavelengths_nm.len()
+        )));
+    }
+    let measured = MeasuredTable::read(&args.input).map_err(|error| Error::input(error.to_string()))?;
+    let wanted = args.lobes();
+    let most = if options.method == Method::LineSearch { 1 } else { AUTO_LOBES };
+    let lobes: Vec<usize> = (0..=most.max(wanted)).collect();
+    let start = Instant::now();
+    let fits = table::fit(&measured, &args.wavelengths_nm, &lobes, &options)
+        .map_err(|error| error.at(args.input.display()))?;
+    let seconds = start.elapsed().as_secs_f64();
+    print(&described(&measured, &fits, wanted, &options, seconds)?)?;
+    if let Some(output) = &args.output {
+        write_map(&table_map(&fits, wanted, &options), output)?;
+    }
+    let mut outcome = FitOutcome { errors: table::figures(&fits, &options), ..FitOutcome::default() };
+    outcome.figures.insert("rows".into(), measured.rows.len().into());
+    outcome.figures.insert("fits".into(), fits.len().into());
+    outcome.figures.insert("fit_seconds".into(), seconds.into());
+    Ok(outcome)
+}
+
+/// The comparison of all fits, then the lobes of those that were asked for.
+fn described(
+    measured: &MeasuredTable,
+    fits: &[WavelengthFit],
+    wanted: usize,
+    options: &TableOptions,
+    seconds: f64,
+) -> Result<String> {
+    let mut text = String::new();
+    write_description(&mut text, measured, fits, wanted, options, seconds)
+        .map_err(|error| Error::failure(error.to_string()))?;
+    Ok(text)
+}
+
+fn write_description(
+    text: &mut String,
+    measured: &MeasuredTable,
+    fits: &[WavelengthFit],
+    wanted: usize,
+    options: &TableOptions,
+    seconds: f64,
+) -> std::fmt::Result {
+    let (method, residual) = (options.method.name(), options.residual.name());
+    writeln!(
+        text,
+        "{} rows, {method}, {residual} residual: {} fits in {seconds:.1} s",
+        measured.rows.len(),
+        fits.len()
+    )?;
+    let held_out = !options.hold_out_theta_deg.is_empty();
+    write!(text, "\n{:>8} {:>5}  {:>12} {:>11}", "nm", "lobes", "train log", "relative")?;
+    if held_out {
+        write!(text, "  {:>12} {:>11}", "held-out log", "relative")?;
+    }
+    let starts = format!("cost / best of {}", options.random_starts);
+    writeln!(text, "{}", if options.random_starts > 0 { format!("  {starts:>18}") } else { String::new() })?;
+    for fit in fits {
+        let errors = &fit.training;
+        write!(
+            text,
+            "{:>8} {:>5}  {:>12.3} {:>11.3}",
+            fit.wavelength_nm, fit.lobes, errors.log_rms, errors.relative_l2
+        )?;
+        if let Some(errors) = &fit.held_out {
+            write!(text, "  {:>12.3} {:>11.3}", errors.log_rms, errors.relative_l2)?;
+        }
+        if let Some(ratio) = fit.start_ratio {
+            write!(text, "  {ratio:>18.4}")?;
+        }
+        writeln!(text)?;
+    }
+    writeln!(text, "\n{:>8} {:>10}  lobes: rho_s (Cx = Cy, Cz) n", "nm", "rho_d")?;
+    for fit in fits.iter().filter(|fit| fit.lobes == wanted) {
+        write!(text, "{:>8} {:>10.5}", fit.wavelength_nm, fit.model.diffuse)?;
+        for lobe in &fit.model.lobes {
+            let c = lobe.c / lobe.reference;
+            write!(text, "  {:.4} ({:.4}, {:.4}) {:.1}", lobe.amplitude, c.x, c.z, lobe.n)?;
+        }
+        writeln!(text)?;
+    }
+    Ok(())
+}
+
+/// A map of one texel: the longest wavelength as red, the shortest as blue.
+fn table_map(fits: &[WavelengthFit], wanted: usize, options: &TableOptions) -> SbrdfMap {
+    let mut channels: Vec<&WavelengthFit> = fits.iter().filter(|fit| fit.lobes == wanted).collect();
+    channels.sort_by(|a, b| b.wavelength_nm.total_cmp(&a.wavelength_nm));
+    let brdf = table::brdf([channels[0], channels[1], channels[2]]);
+    let mut map = SbrdfMap::from_texels(1, 1, &[brdf]);
+    let wavelengths: Vec<String> = channels.iter().map(|fit| fit.wavelength_nm.to_string()).collect();
+    for (key, value) in [
+        ("fit.method", options.method.name().to_string()),
+        ("fit.residual", options.residual.name().to_string()),
+        ("fit.wavelengths_nm", wavelengths.join(",")),
+    ] {
+        map.attributes.insert(key.into(), value);
+    }
+    map
+}
+
+fn write_map(map: &SbrdfMap, path: &Path) -> Result<()> {
+    map.write_exr(path).map_err(|error| Error::writing(path, error))
+}
+
+fn print(text: &str) -> Result<()> {
+    use std::io::Write as _;
+    std::io::stdout().write_all(text.as_bytes()).map_err(|error| Error::failure(format!("stdout: {error}")))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use clap::Parser;
+
+    #[derive(Parser)]
+    struct Command {
+        #[command(flatten)]
+        args: FitArgs,
+    }
+
+    fn parsed(arguments: &[&str]) -> FitArgs {
+        Command::try_parse_from(std::iter::once(&"fit").chain(arguments)).unwrap().args
+    }
+
+    fn run_on(text: &str, arguments: &[&str]) -> (tempfile::TempDir, Result<FitOutcome>) {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("paint.brdf");
+        std::fs::write(&path, text).unwrap();
+        let mut all = vec![path.to_str().unwrap()];
+        all.extend(arguments);
+        let outcome = fit_input(&parsed(&all), 1);
+        (folder, outcome)
+    }
+
+    /// A wide table of a white lobe.
+    fn table_text() -> String {
+        let mut text = String::from("3 450 550 650\n");
+        for (i, o, p) in (1..8).flat_map(|i| (0..8).flat_map(move |o| (0..7).map(move |p| (i, o, p)))) {
+            let (i, o, p) = (f64::from(i) * 0.17, f64::from(o) * 0.17, f64::from(p) * 0.52);
+            let base = -0.95 * i.sin() * o.sin() * p.cos() + 0.9 * i.cos() * o.cos();
+            let f = 0.05 + base.max(0.0).powi(20);
+            writeln!(text, "{i} 0 {o} {p} {f} {f} {f}").unwrap();
+        }
+        text
+    }
+
+    #[test]
+    fn a_table_is_fitted_reported_and_written_as_a_map_of_one_texel() {
+        let folder = tempfile::tempdir().unwrap();
+        let output = folder.path().join("paint.exr");
+        let held = (3.0f64 * 0.17).to_degrees().to_string();
+        let arguments = [
+            "--hold-out-theta-deg",
+            &held,
+            "--lobes",
+            "1",
+            "-o",
+            output.to_str().unwrap(),
+            "--random-starts",
+            "2",
+        ];
+        let (_input, outcome) = run_on(&table_text(), &arguments);
+        let errors = outcome.unwrap().errors;
+        let one =
+            errors.iter().find(|e| e.name == "held_out_relative_l2" && e.depends["lobes"] == 1).unwrap();
+        assert!(one.value < 1e-2 && one.depends["wavelength_nm"] == 450.0, "{one:?}");
+        assert_eq!(errors.iter().filter(|e| e.name == "start_cost_ratio").count(), 9);
+        let map = SbrdfMap::read_exr(&output).unwrap();
+        assert_eq!((map.width, map.height, map.lobes.len()), (1, 1, 3));
+        assert!((map.rho_d[0].x - 0.05).abs() < 1e-3);
+        assert_eq!(map.attributes["fit.wavelengths_nm"], "650,550,450");
+    }
+
+    #[test]
+    fn wrong_inputs_end_with_a_sentence_and_exit_code_2() {
+        let refused = |text: &str, arguments: &[&str]| {
+            let error = run_on(text, arguments).1.unwrap_err();
+            assert_eq!(error.exit_code(), 2);
+            error.to_string()
+        };
+        assert!(
+            refused("1 500 0.1 0 0.1 0 nan", &[]).contains("paint.brdf: line 1: row 1: the value at 500 nm")
+        );
+        assert!(refused("1 500 0.1 0 0.1 0 1", &[]).contains("450 nm lies outside"));
+        let two = ["--wavelengths-nm", "450,550", "-o", "x.exr"];
+        assert!(refused(&table_text(), &two).contains("three --wavelengths-nm"));
+        assert!(refused(&table_text(), &["--method", "line-search", "--lobes", "2"]).contains("one lobe"));
+        assert!(refused(&table_text(), &["--hold-out-theta-deg", "45"]).contains("held-out 45°"));
+        let unknown = fit_input(&parsed(&["paint.txt"]), 1).unwrap_err();
+        assert!(unknown.exit_code() == 2 && unknown.to_string().contains("paint.txt"));
+        let no_output = fit_input(&parsed(&["a.zarr"]), 1).unwrap_err();
+        assert!(no_output.to_string().contains("-o FILE.exr"));
+    }
+
+    #[test]
+    fn the_zarr_path_goes_from_a_store_to_a_map() {
+        let folder = tempfile::tempdir().unwrap();
+        let (input, output) = (folder.path().join("s.zarr"), folder.path().join("m.exr"));
+        let pose = |x: f64| crate::sampled::PoseGeometry {
+            light_mm: glam::DVec3::new(x, 100.0, 900.0),
+            camera_mm: glam::DVec3::new(-x, 0.0, 900.0),
+            weight: 1.0,
+        };
+        let poses: Vec<_> = (0..30).map(|k| pose(f64::from(k) * 40.0)).collect();
+        let mut sampled = SampledSbrdf::empty(3, 2, 1.0, poses);
+        sampled.reflectance.fill(0.25);
+        sampled.write_zarr(&input).unwrap();
+        let arguments = [input.to_str().unwrap(), "-o", output.to_str().unwrap(), "--lobes", "1"];
+        let outcome = fit_input(&parsed(&arguments), 1).unwrap();
+        assert!(outcome.errors[0].value < 1e-3, "{outcome:?}");
+        let map = SbrdfMap::read_exr(&output).unwrap();
+        assert_eq!((map.width, map.height), (3, 2));
+    }
+}

@@ -14,6 +14,7 @@ use crate::report::Report;
 use crate::rig::config::RigConfig;
 
 pub mod page;
+pub mod pictures;
 pub mod sample;
 pub mod truth;
 

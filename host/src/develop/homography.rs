@@ -2,7 +2,7 @@
 
 use glam::{DMat3, DVec2, DVec3};
 
-use crate::linalg::NormalEquations;
+use crate::linalg::Normal;
 
 /// A corner on the sample's plane (mm) and where it was seen (normalised, undistorted).
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -73,26 +73,26 @@ fn as_matrix(h: &[f64; 8]) -> DMat3 {
 
 /// The linear least squares for h33 = 1 (the scaled origin is in front of the camera, so h33 is not 0).
 fn linear_start(points: &[(DVec2, DVec2)]) -> Option<[f64; 8]> {
-    let mut equations = NormalEquations::<8>::default();
+    let mut equations = Normal::<8>::new();
     for (p, q) in points {
-        equations.add(&[p.x, p.y, 1.0, 0.0, 0.0, 0.0, -q.x * p.x, -q.x * p.y], q.x);
-        equations.add(&[0.0, 0.0, 0.0, p.x, p.y, 1.0, -q.y * p.x, -q.y * p.y], q.y);
+        equations.add(&[p.x, p.y, 1.0, 0.0, 0.0, 0.0, -q.x * p.x, -q.x * p.y], q.x, 1.0);
+        equations.add(&[0.0, 0.0, 0.0, p.x, p.y, 1.0, -q.y * p.x, -q.y * p.y], q.y, 1.0);
     }
-    equations.solve()
+    equations.solve(0.0)
 }
 
 /// One Gauss–Newton step on the distance between projected and seen points.
 fn refine(h: &[f64; 8], points: &[(DVec2, DVec2)]) -> Option<[f64; 8]> {
     let matrix = as_matrix(h);
-    let mut equations = NormalEquations::<8>::default();
+    let mut equations = Normal::<8>::new();
     for (p, q) in points {
         let mapped = matrix * DVec3::new(p.x, p.y, 1.0);
         let (w, at) = (1.0 / mapped.z, DVec2::new(mapped.x / mapped.z, mapped.y / mapped.z));
         let (x, y) = (p.x * w, p.y * w);
-        equations.add(&[x, y, w, 0.0, 0.0, 0.0, -at.x * x, -at.x * y], q.x - at.x);
-        equations.add(&[0.0, 0.0, 0.0, x, y, w, -at.y * x, -at.y * y], q.y - at.y);
+        equations.add(&[x, y, w, 0.0, 0.0, 0.0, -at.x * x, -at.x * y], q.x - at.x, 1.0);
+        equations.add(&[0.0, 0.0, 0.0, x, y, w, -at.y * x, -at.y * y], q.y - at.y, 1.0);
     }
-    let step = equations.solve()?;
+    let step = equations.solve(0.0)?;
     Some(std::array::from_fn(|k| h[k] + step[k]))
 }
 

@@ -7,7 +7,7 @@ use glam::{DVec2, DVec3};
 
 use super::camera;
 use super::homography::Correspondence;
-use crate::linalg::NormalEquations;
+use crate::linalg::Normal;
 use crate::rig::config::RigConfig;
 use crate::rig::geometry::{MotorAngles, SamplePose, camera_position, sample_pose};
 
@@ -70,7 +70,7 @@ fn step(
     let around: Vec<(SamplePose, SamplePose)> =
         (0..6).map(|k| (shifted(k, -DIFFERENCE), shifted(k, DIFFERENCE))).collect();
     let weight = DVec2::from(config.camera.focal_px) / CORNER_SIGMA_PX;
-    let mut equations = NormalEquations::<6>::default();
+    let mut equations = Normal::<6>::new();
     for corner in corners {
         let residual = (corner.image - appearance(config, &here, corner.plane_mm)) * weight;
         let derivatives: [DVec2; 6] = std::array::from_fn(|k| {
@@ -79,15 +79,15 @@ fn step(
                 appearance(config, after, corner.plane_mm) - appearance(config, before, corner.plane_mm);
             change * weight / (2.0 * DIFFERENCE)
         });
-        equations.add(&derivatives.map(|d| d.x), residual.x);
-        equations.add(&derivatives.map(|d| d.y), residual.y);
+        equations.add(&derivatives.map(|d| d.x), residual.x, 1.0);
+        equations.add(&derivatives.map(|d| d.y), residual.y, 1.0);
     }
     // The motors' own word: every unknown is 0, give or take one.
-    for k in 0..6 {
+    for (k, unknown) in unknowns.iter().enumerate() {
         let row = std::array::from_fn(|j| if j == k { 1.0 } else { 0.0 });
-        equations.add(&row, -unknowns[k]);
+        equations.add(&row, -unknown, 1.0);
     }
-    equations.solve()
+    equations.solve(0.0)
 }
 
 #[cfg(test)]

@@ -12,14 +12,19 @@ use super::random::Random;
 use super::samples::{Samples, Target};
 use super::{linear, lm};
 
-/// Directions of C round the circle.
-const DIRECTIONS: usize = 36;
 /// Exponents 1, 2, 4, … 2^(EXPONENTS − 1).
 const EXPONENTS: usize = 12;
+/// Rows of the bank a direction.
+const ROWS: usize = EXPONENTS + 1;
 
 /// How far the search goes.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Effort {
+    /// Directions of C round the circle in the bank.
+    pub directions: usize,
+    /// Powers of the residual's linearised weights under which extensions are looked for: 1 is the residual itself, to first order;
+    /// 0 sees the peaks that a logarithmic residual hardly weighs.
+    pub powers: &'static [f64],
     /// Sets kept after each added lobe.
     pub beam: usize,
     /// Optimiser steps for a set before it's compared with the others.
@@ -30,46 +35,66 @@ pub struct Effort {
 
 impl Effort {
     /// For one of thousands of texels.
-    pub const TEXEL: Self =
-        Self { beam: 2, trial_steps: 6, limits: Limits { iterations: 60, tolerance: 1e-7 } };
+    pub const TEXEL: Self = Self {
+        directions: 36,
+        powers: &[1.0],
+        beam: 2,
+        trial_steps: 6,
+        limits: Limits { iterations: 60, tolerance: 1e-7 },
+    };
     /// For one table, where a second is nothing.
-    pub const TABLE: Self =
-        Self { beam: 24, trial_steps: 30, limits: Limits { iterations: 400, tolerance: 1e-9 } };
+    pub const TABLE: Self = Self {
+        directions: 144,
+        powers: &[1.0, 0.5, 0.0],
+        beam: 24,
+        trial_steps: 30,
+        limits: Limits { iterations: 400, tolerance: 1e-9 },
+    };
 }
 
 /// The shapes of the bank at the samples' directions.
 #[derive(Debug, Clone, Default)]
 struct Bank {
-    /// [direction][exponent][sample].
+    /// [direction][exponent][sample], with one exponent more than are candidates: the square of the last.
     shapes: Vec<f32>,
     /// Whether the base of a direction is positive anywhere.
     seen: Vec<bool>,
+    directions: usize,
 }
 
 impl Bank {
-    fn angle(direction: usize) -> f64 {
-        (direction as f64 + 0.5) / DIRECTIONS as f64 * std::f64::consts::TAU
+    fn angle(&self, direction: usize) -> f64 {
+        (direction as f64 + 0.5) / self.directions as f64 * std::f64::consts::TAU
     }
 
-    fn fill(&mut self, samples: &Samples) {
+    fn fill(&mut self, samples: &Samples, directions: usize) {
+        self.directions = directions;
         let count = samples.len();
-        self.shapes.resize(DIRECTIONS * EXPONENTS * count, 0.0);
-        self.seen.resize(DIRECTIONS, false);
-        for direction in 0..DIRECTIONS {
-            let lobe = ModelLobe::over(samples, isotropic_c(Self::angle(direction)), 1.0);
+        self.shapes.resize(directions * ROWS * count, 0.0);
+        self.seen.resize(directions, false);
+        for direction in 0..directions {
+            let lobe = ModelLobe::over(samples, isotropic_c(self.angle(direction)), 1.0);
             self.seen[direction] = lobe.is_some();
             let Some(lobe) = lobe else { continue };
             let scale = lobe.c / lobe.reference;
-            let block = &mut self.shapes[direction * EXPONENTS * count..(direction + 1) * EXPONENTS * count];
-            for k in 0..count {
-                let mut power = scale.x * (samples.xx[k] + samples.yy[k]) + scale.z * samples.zz[k];
-                power = power.max(0.0);
-                for exponent in 0..EXPONENTS {
-                    block[exponent * count + k] = power as f32;
-                    power = if power < 1e-15 { 0.0 } else { power * power };
+            let block = &mut self.shapes[direction * ROWS * count..(direction + 1) * ROWS * count];
+            for (k, base) in block[..count].iter_mut().enumerate() {
+                let value = scale.x * (samples.xx[k] + samples.yy[k]) + scale.z * samples.zz[k];
+                *base = value.max(0.0) as f32;
+            }
+            for row in 1..ROWS {
+                let (done, rest) = block.split_at_mut(row * count);
+                for (power, &root) in rest[..count].iter_mut().zip(&done[(row - 1) * count..]) {
+                    // Without denormal numbers, which are slow.
+                    *power = if root < 1e-15 { 0.0 } else { root * root };
                 }
             }
         }
+    }
+
+    /// The shape of a direction at n = 2^row.
+    fn shape(&self, direction: usize, row: usize, count: usize) -> &[f32] {
+        &self.shapes[(direction * ROWS + row) * count..][..count]
     }
 }
 
@@ -78,6 +103,7 @@ impl Bank {
 pub struct Search {
     bank: Bank,
     scores: Vec<f64>,
+    /// Columns of the set that is extended (1 and its shapes) times the weights, [column][sample].
     columns: Vec<f32>,
     weights: Vec<f32>,
     data: Vec<f32>,
@@ -113,13 +139,15 @@ impl Search {
     ) -> (Model, Outcome) {
         let mut beam = vec![Candidate { cost: f64::INFINITY, model: problem.diffuse_only() }];
         if lobes > 0 {
-            self.bank.fill(problem.samples);
+            self.bank.fill(problem.samples, effort.directions);
         }
         for added in 1..=lobes {
             let width = if added == lobes { effort.beam } else { effort.beam.div_ceil(2) };
             let mut next = Vec::new();
             for set in &beam {
-                self.extensions(problem, &set.model, effort.beam, &mut next);
+                for &power in effort.powers {
+                    self.extensions(problem, &set.model, power, effort, &mut next);
+                }
             }
             for candidate in &mut next {
                 let limits = Limits { iterations: effort.trial_steps, ..effort.limits };
@@ -146,117 +174,135 @@ impl Search {
 
     /// Adds to `found` the sets that are `model` and one lobe of the bank more, for the `most` best local maxima of what
     /// the joint closed-form amplitudes explain.
-    fn extensions(&mut self, problem: &Problem<'_>, model: &Model, most: usize, found: &mut Vec<Candidate>) {
+    fn extensions(
+        &mut self,
+        problem: &Problem<'_>,
+        model: &Model,
+        power: f64,
+        effort: Effort,
+        found: &mut Vec<Candidate>,
+    ) {
         let count = problem.samples.len();
-        let gram = self.columns_of(problem, model);
-        let size = gram.known.len() + 1;
+        let (most, thorough) = (effort.beam, effort.powers.len() > 1);
+        let mut system = self.system_of(problem, model, power);
         self.scores.clear();
-        self.scores.resize(DIRECTIONS * EXPONENTS, f64::NEG_INFINITY);
-        let mut matrix = vec![0.0; size * size];
-        let (mut rhs, mut x) = (vec![0.0; size], vec![0.0; size]);
-        let mut solve = |shape: &[f32], columns: &[f32], weights: &[f32], x: &mut [f64]| {
-            gram.with(shape, columns, weights, &self.data, &mut matrix, &mut rhs);
-            let explained = linear::nnls(&matrix, &rhs, x);
-            if x[size - 1] > 0.0 { explained } else { f64::NEG_INFINITY }
-        };
-        for direction in (0..DIRECTIONS).filter(|&direction| self.bank.seen[direction]) {
+        self.scores.resize(self.bank.directions * EXPONENTS, f64::NEG_INFINITY);
+        for direction in (0..self.bank.directions).filter(|&direction| self.bank.seen[direction]) {
             for exponent in 0..EXPONENTS {
-                let index = direction * EXPONENTS + exponent;
-                let shape = &self.bank.shapes[index * count..(index + 1) * count];
-                self.scores[index] = solve(shape, &self.columns, &self.weights, &mut x);
+                let score = self.join(&mut system, direction, exponent, count);
+                self.scores[direction * EXPONENTS + exponent] = score;
             }
         }
         let mut maxima: Vec<usize> = (0..self.scores.len()).filter(|&i| self.is_local_maximum(i)).collect();
         maxima.sort_by(|&a, &b| self.scores[b].total_cmp(&self.scores[a]).then(a.cmp(&b)));
-        for index in maxima.into_iter().take(most) {
-            let shape = &self.bank.shapes[index * count..(index + 1) * count];
-            solve(shape, &self.columns, &self.weights, &mut x);
+        maxima.truncate(most);
+        if thorough {
+            // What the closed form ranks badly can still be the best once optimised: every exponent gets a try.
+            for exponent in 0..EXPONENTS {
+                let directions = (0..self.bank.directions).map(|direction| direction * EXPONENTS + exponent);
+                let best = directions.max_by(|&a, &b| self.scores[a].total_cmp(&self.scores[b]));
+                maxima.extend(best.filter(|&i| self.scores[i].is_finite() && !maxima.contains(&i)));
+            }
+        }
+        for index in maxima {
+            let (direction, exponent) = (index / EXPONENTS, index % EXPONENTS);
+            self.join(&mut system, direction, exponent, count);
             let mut extended = model.clone();
-            let n = f64::from(1u32 << (index % EXPONENTS));
-            extended.lobes.push(lm::start_lobe(
-                problem.samples,
-                isotropic_c(Bank::angle(index / EXPONENTS)),
-                n,
-            ));
-            let first = usize::from(problem.freedom.diffuse);
-            if problem.freedom.diffuse {
-                extended.diffuse = x[0];
-            }
-            for (lobe, &amplitude) in extended.lobes.iter_mut().zip(&x[first..]) {
-                lobe.amplitude = amplitude;
-            }
+            let n = f64::from(1u32 << exponent);
+            extended.lobes.push(lm::start_lobe(problem.samples, isotropic_c(self.bank.angle(direction)), n));
+            problem.set_amplitudes(&mut extended, &system.x);
             found.push(Candidate { cost: -self.scores[index], model: extended });
         }
+    }
+
+    /// Solves for the amplitudes of the set and one shape of the bank; what they explain, or −∞ where the shape adds nothing.
+    fn join(&self, system: &mut System, direction: usize, exponent: usize, count: usize) -> f64 {
+        let size = system.rhs.len();
+        let last = size - 1;
+        let shape = self.bank.shape(direction, exponent, count);
+        let data = dot(shape, &self.data);
+        let mut gradient = data;
+        for (i, column) in self.columns.chunks_exact(count).enumerate() {
+            let cross = dot(shape, column);
+            system.matrix[i * size + last] = cross;
+            system.matrix[last * size + i] = cross;
+            gradient -= cross * system.without[i];
+        }
+        if gradient <= 0.0 {
+            // The optimality condition at amplitude 0 holds already.
+            return f64::NEG_INFINITY;
+        }
+        // The square of a shape is the next one of the bank.
+        system.matrix[size * size - 1] = dot(self.bank.shape(direction, exponent + 1, count), &self.weights);
+        system.rhs[last] = data;
+        let explained = linear::nnls(&system.matrix, &system.rhs, &mut system.x);
+        if system.x[last] > 0.0 { explained } else { f64::NEG_INFINITY }
     }
 
     fn is_local_maximum(&self, index: usize) -> bool {
         let score = self.scores[index];
         let (direction, exponent) = (index / EXPONENTS, index % EXPONENTS);
+        let directions = self.bank.directions;
         let at =
-            |direction: usize, exponent: usize| self.scores[direction % DIRECTIONS * EXPONENTS + exponent];
+            |direction: usize, exponent: usize| self.scores[direction % directions * EXPONENTS + exponent];
         score.is_finite()
             && (exponent == 0 || score >= at(direction, exponent - 1))
             && (exponent + 1 == EXPONENTS || score > at(direction, exponent + 1))
-            && score >= at(direction + DIRECTIONS - 1, exponent)
+            && score >= at(direction + directions - 1, exponent)
             && score > at(direction + 1, exponent)
     }
 
-    /// The weighted columns that the model already has (1 and its shapes) and their Gram matrix.
-    fn columns_of(&mut self, problem: &Problem<'_>, model: &Model) -> Gram {
+    /// Fills the weighted columns of a model; the linear system that they and one column more make, without that one.
+    fn system_of(&mut self, problem: &Problem<'_>, model: &Model, power: f64) -> System {
         let (samples, target) = (problem.samples, problem.target);
         let count = samples.len();
         // Weights can span many powers of ten; f32 products need them near 1.
         let largest = target.linear_weight.iter().copied().fold(0.0, f64::max).max(1e-300);
         self.weights.clear();
-        self.weights.extend(target.linear_weight.iter().map(|w| (w / largest) as f32));
+        self.weights.extend(target.linear_weight.iter().map(|w| (w / largest).powf(power) as f32));
         let fixed = if problem.freedom.diffuse { 0.0 } else { model.diffuse };
         self.data.clear();
         self.data.extend((0..count).map(|k| (target.value[k] - fixed) as f32 * self.weights[k]));
-        self.columns.clear();
+        let mut plain = Vec::with_capacity(count * (1 + model.lobes.len()));
         if problem.freedom.diffuse {
-            self.columns.resize(count, 1.0);
+            plain.resize(count, 1f32);
         }
         let turned = Turned::new(model.beta);
         for lobe in &model.lobes {
-            self.columns.extend((0..count).map(|k| lobe.shape(turned.products(samples, k)) as f32));
+            plain.extend((0..count).map(|k| lobe.shape(turned.products(samples, k)) as f32));
         }
-        let columns: Vec<&[f32]> = self.columns.chunks_exact(count.max(1)).collect();
-        let mut known = Vec::new();
-        for a in &columns {
-            let weighted: Vec<f32> = a.iter().zip(&self.weights).map(|(x, w)| x * w).collect();
-            known.push((columns.iter().map(|b| dot(&weighted, b)).collect(), dot(a, &self.data)));
+        self.columns.clear();
+        self.columns.extend(plain.iter().zip(self.weights.iter().cycle()).map(|(x, w)| x * w));
+        let known = plain.len() / count.max(1);
+        let mut system = System::new(known + 1);
+        let mut gram = vec![0.0; known * known];
+        for (i, a) in self.columns.chunks_exact(count.max(1)).enumerate() {
+            for (j, b) in plain.chunks_exact(count.max(1)).enumerate() {
+                gram[i * known + j] = dot(a, b);
+                system.matrix[i * (known + 1) + j] = gram[i * known + j];
+            }
         }
-        Gram { known }
+        for (i, a) in plain.chunks_exact(count.max(1)).enumerate() {
+            system.rhs[i] = dot(a, &self.data);
+        }
+        linear::nnls(&gram, &system.rhs[..known], &mut system.without);
+        system
     }
 }
 
-/// Gram matrix and right-hand side of the columns that a set already has.
-struct Gram {
-    known: Vec<(Vec<f64>, f64)>,
+/// Normal equations of the columns of a set and one more, the last.
+struct System {
+    matrix: Vec<f64>,
+    rhs: Vec<f64>,
+    x: Vec<f64>,
+    /// The solution without the last column.
+    without: Vec<f64>,
 }
 
-impl Gram {
-    /// The system with one more column.
-    fn with(
-        &self,
-        shape: &[f32],
-        columns: &[f32],
-        weights: &[f32],
-        data: &[f32],
-        matrix: &mut [f64],
-        rhs: &mut [f64],
-    ) {
-        let size = rhs.len();
-        let weighted: Vec<f32> = shape.iter().zip(weights).map(|(s, w)| s * w).collect();
-        for (i, (row, product)) in self.known.iter().enumerate() {
-            matrix[i * size..i * size + size - 1].copy_from_slice(row);
-            let cross = dot(&weighted, &columns[i * shape.len()..(i + 1) * shape.len()]);
-            matrix[i * size + size - 1] = cross;
-            matrix[(size - 1) * size + i] = cross;
-            rhs[i] = *product;
-        }
-        matrix[size * size - 1] = dot(&weighted, shape);
-        rhs[size - 1] = dot(shape, data);
+impl System {
+    fn new(size: usize) -> Self {
+        let zeros = |count: usize| vec![0.0; count];
+        Self { matrix: zeros(size * size), rhs: zeros(size), x: zeros(size), without: zeros(size - 1) }
     }
 }
 
@@ -370,6 +416,12 @@ impl Problem<'_> {
             }
         }
         linear::nnls(&gram, &rhs, &mut x);
+        self.set_amplitudes(model, &x);
+    }
+
+    /// Sets ρ_d, where it is an unknown, and the lobes' amplitudes.
+    fn set_amplitudes(&self, model: &mut Model, x: &[f64]) {
+        let first = usize::from(self.freedom.diffuse);
         if self.freedom.diffuse {
             model.diffuse = x[0];
         }

@@ -3,11 +3,11 @@
 use std::time::Duration;
 
 use glam::{Vec2, Vec3, Vec3A};
+use obvhs::BvhBuildParams;
 use obvhs::cwbvh::{CwBvh, builder::build_cwbvh_from_tris};
 use obvhs::ray::{Ray, RayHit};
 use obvhs::rt_triangle::RtTriangle;
 use obvhs::triangle::Triangle;
-use obvhs::BvhBuildParams;
 
 use crate::scene::{Mesh, Scene, Vertex};
 
@@ -85,8 +85,9 @@ impl Geometry {
             .iter()
             .map(|&[a, b, c]| Triangle { v0: corner(a), v1: corner(b), v2: corner(c) })
             .collect();
-        let bvh = build_cwbvh_from_tris(&triangles, BvhBuildParams::fast_build(), &mut Duration::default());
-        let leaves = bvh.primitive_indices.iter().map(|&i| RtTriangle::from(&triangles[i as usize])).collect();
+        let bvh = build_cwbvh_from_tris(&triangles, BvhBuildParams::slow_build(), &mut Duration::default());
+        let leaves =
+            bvh.primitive_indices.iter().map(|&i| RtTriangle::from(&triangles[i as usize])).collect();
         let (low, high) = joined.bounds();
         let extent = if joined.vertices.is_empty() { 0.0 } else { low.abs().max(high.abs()).max_element() };
         Self {
@@ -194,7 +195,7 @@ pub(crate) fn shading_frame(normal: Vec3, tangent: Vec3, handedness: f32, view: 
 mod tests {
     use super::*;
     use crate::reflectance::{LobeBrdf, Rgb};
-    use crate::scene::{Material, showcase, shapes};
+    use crate::scene::{Material, shapes, showcase};
 
     fn sphere_scene() -> Scene {
         let mut scene = showcase::published(8, 8);

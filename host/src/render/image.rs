@@ -58,9 +58,10 @@ impl Picture {
     /// # Errors
     /// Input errors for another extension, failures of the disk.
     pub fn write(&self, path: &Path, exposure: f32) -> Result<()> {
-        match extension(path)? {
-            Extension::Exr => self.write_exr(path),
-            Extension::Png => files::write_bytes(path, &self.png(exposure)?),
+        match picture_kind(path) {
+            Some(PictureKind::Exr) => self.write_exr(path),
+            Some(PictureKind::Png) => files::write_bytes(path, &self.png(exposure)?),
+            None => Err(Error::input(format!("{}: a picture's name ends in .exr or .png", path.display()))),
         }
     }
 
@@ -84,20 +85,20 @@ impl Picture {
 }
 
 /// Formats that pictures are written in.
-pub(crate) enum Extension {
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum PictureKind {
+    /// Linear OpenEXR.
     Exr,
+    /// Tone-mapped 8-bit PNG.
     Png,
 }
 
-/// The format that a name asks for.
-///
-/// # Errors
-/// Input errors for a name that asks for none.
-pub(crate) fn extension(path: &Path) -> Result<Extension> {
-    match path.extension().unwrap_or_default().to_string_lossy().to_lowercase().as_str() {
-        "exr" => Ok(Extension::Exr),
-        "png" => Ok(Extension::Png),
-        _ => Err(Error::input(format!("{}: a picture's name ends in .exr or .png", path.display()))),
+/// The format that a file's name asks for by its extension.
+pub fn picture_kind(path: &Path) -> Option<PictureKind> {
+    match path.extension()?.to_string_lossy().to_lowercase().as_str() {
+        "exr" => Some(PictureKind::Exr),
+        "png" => Some(PictureKind::Png),
+        _ => None,
     }
 }
 

@@ -90,7 +90,8 @@ impl Materials {
     /// Appends one texel.
     fn push(&mut self, brdf: &LobeBrdf) {
         let first = self.lobes.len() as u32;
-        self.lobes.extend(brdf.lobes.iter().filter(|lobe| lobe.rho_s != Rgb::ZERO).map(|l| pack(l, brdf.beta)));
+        self.lobes
+            .extend(brdf.lobes.iter().filter(|lobe| lobe.rho_s != Rgb::ZERO).map(|l| pack(l, brdf.beta)));
         self.texels.push(PackedTexel {
             rho_d: brdf.rho_d.to_array(),
             first,
@@ -305,7 +306,10 @@ mod tests {
                 for wi in directions() {
                     let (expected, got) = (brdf.eval(wi, wo), shader.eval(wi));
                     let error = (expected - got).abs().max_element();
-                    assert!(error <= 1e-4 * expected.max_element() + 1e-6, "{name} {wi} {wo} {expected} {got}");
+                    assert!(
+                        error <= 1e-4 * expected.max_element() + 1e-6,
+                        "{name} {wi} {wo} {expected} {got}"
+                    );
                 }
             }
         }

@@ -14,8 +14,7 @@ mod math;
 pub mod reference;
 mod shading;
 
-pub use image::Picture;
-pub(crate) use image::extension;
+pub use image::{Picture, PictureKind, picture_kind};
 
 use crate::error::Result;
 use crate::scene::Scene;

@@ -41,7 +41,7 @@ pub(crate) fn reflect_lights(
     for light in lights {
         let seen = see(light, surface.position);
         let wi = surface.to_local(seen.toward);
-        if wi.z <= 0.0 || surface.geometric.dot(seen.toward) <= 0.0 {
+        if wi.z <= 0.0 {
             continue;
         }
         let reflected = shader.eval(wi) * seen.irradiance * wi.z;

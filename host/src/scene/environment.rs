@@ -120,9 +120,8 @@ impl Environment {
     pub fn sky() -> Self {
         let sun = direction_from_angles(40.0, 40.0);
         let zenith_angle = (sun.y).acos();
-        let indicatrix = |angle: f32| {
-            1.0 + 10.0 * ((-3.0 * angle).exp() - (-1.5 * PI).exp()) + 0.45 * angle.cos().powi(2)
-        };
+        let indicatrix =
+            |angle: f32| 1.0 + 10.0 * ((-3.0 * angle).exp() - (-1.5 * PI).exp()) + 0.45 * angle.cos().powi(2);
         let gradation = |cos_zenith: f32| 1.0 - (-0.32 / cos_zenith.max(0.01)).exp();
         let reference = indicatrix(zenith_angle) * gradation(1.0);
         Self::from_function(1024, 512, |direction| {

@@ -192,7 +192,7 @@ fn mesh(name: &str, folder: &Path) -> Result<Mesh> {
         "sphere" => Ok(shapes::sphere(192, 96)),
         "plane" => Ok(shapes::plane(16)),
         "backdrop" => Ok(shapes::backdrop(64)),
-        "drape" => Ok(shapes::drape(288)),
+        "drape" => Ok(shapes::drape(224)),
         file if Path::new(file).extension().is_some() => Mesh::read(&folder.join(file)),
         other => Err(Error::input(format!(
             "there is no shape \"{other}\"; use one of {} or a .gltf, .glb, .obj or .ply file",
@@ -295,7 +295,9 @@ fn background(text: Option<&str>) -> Result<Background> {
     }
     let number = text.strip_prefix('#').filter(|hex| hex.len() == 6 && hex.is_ascii());
     let number = number.and_then(|hex| u32::from_str_radix(hex, 16).ok()).ok_or_else(|| {
-        Error::input(format!("key background: \"{text}\" is neither \"environment\" nor a colour \"#rrggbb\""))
+        Error::input(format!(
+            "key background: \"{text}\" is neither \"environment\" nor a colour \"#rrggbb\""
+        ))
     })?;
     let channel = |shift: u32| colour::srgb_decode((number >> shift & 0xff) as f32 / 255.0);
     Ok(Background::Colour(Rgb::new(channel(16), channel(8), channel(0))))

@@ -30,7 +30,6 @@
 mod family;
 mod fit;
 mod homography;
-mod least_squares;
 mod pattern;
 mod quads;
 mod read;

@@ -4,8 +4,8 @@ use glam::DVec2;
 
 use super::family::{MODULES, Word, decode};
 use super::homography::Homography;
-use super::least_squares::Normal;
 use super::{Detection, GrayImage};
+use crate::linalg::Normal;
 
 /// Modules across, the quiet zone included.
 const GRID: usize = MODULES + 2;

@@ -100,11 +100,8 @@ impl<'a> Sampled<'a> {
         let (sin_azimuth, cos_azimuth) = ((u - 0.5) * TAU).sin_cos();
         let radius = (1.0 - y * y).max(0.0).sqrt();
         let local = Vec3::new(radius * sin_azimuth, y, -radius * cos_azimuth);
-        let direction = Vec3::new(
-            self.cos * local.x + self.sin * local.z,
-            y,
-            self.cos * local.z - self.sin * local.x,
-        );
+        let direction =
+            Vec3::new(self.cos * local.x + self.sin * local.z, y, self.cos * local.z - self.sin * local.x);
         let uv = Vec2::new(u, y.acos() / PI);
         Arriving {
             direction,
@@ -188,7 +185,8 @@ mod tests {
             let sample = sampled.sample(sequence.point(5, index, 0));
             let looked_up = sampled.arriving(sample.direction);
             assert!((sample.direction.length() - 1.0).abs() < 1e-5);
-            let radiance_agrees = (looked_up.radiance - environment.radiance(sample.direction)).length() < 1e-2;
+            let radiance_agrees =
+                (looked_up.radiance - environment.radiance(sample.direction)).length() < 1e-2;
             agreeing += usize::from(looked_up.density == sample.density && radiance_agrees);
             mean += f64::from(1.0 / sample.density) / 4096.0;
         }

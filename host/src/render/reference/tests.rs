@@ -85,11 +85,8 @@ fn an_object_between_surface_and_light_casts_a_shadow() {
     lit.lights.push(Light::Point { position: Vec3::new(0.0, 2.0, 0.0), intensity: Rgb::ONE });
     lit.objects.push(lit.objects[0].clone());
     let high = Vec3::new(0.0, 1.5, 0.0);
-    lit.objects[1].transform = Affine3A::from_scale_rotation_translation(
-        Vec3::splat(0.1),
-        glam::Quat::from_rotation_x(PI),
-        high,
-    );
+    lit.objects[1].transform =
+        Affine3A::from_scale_rotation_translation(Vec3::splat(0.1), glam::Quat::from_rotation_x(PI), high);
     lit.camera.position.x = 3.0;
     assert_eq!(render_with(&lit, 4).rgb(2, 2), Rgb::ZERO);
     lit.objects[1].transform.translation.y = 2.5;

@@ -16,9 +16,7 @@ pub(super) fn read(path: &Path) -> Result<RawMesh> {
     let mut buffers = Vec::new();
     for buffer in gltf.buffers() {
         let bytes = match buffer.source() {
-            gltf::buffer::Source::Bin => {
-                blob.take().ok_or_else(|| fail(&"its binary chunk is missing"))?
-            }
+            gltf::buffer::Source::Bin => blob.take().ok_or_else(|| fail(&"its binary chunk is missing"))?,
             gltf::buffer::Source::Uri(uri) => read_uri(path, uri)?,
         };
         if bytes.len() < buffer.length() {
