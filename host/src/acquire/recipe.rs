@@ -107,11 +107,11 @@ impl Recipe {
     /// Input errors naming file and key.
     pub fn load(path: &Path) -> Result<Self> {
         let mut recipe: Self = toml_file::read(path)?;
-        let folder = std::path::absolute(path.parent().unwrap_or(Path::new(".")))
-            .map_err(|error| Error::reading(path, error))?;
+        let path = std::path::absolute(path).map_err(|error| Error::reading(path, error))?;
+        let folder = path.parent().unwrap_or(Path::new("."));
         let name = |file: &str| folder.join(file).to_string_lossy().into_owned();
-        if let PatternRecipe::Image { path } = &mut recipe.pattern {
-            *path = name(path);
+        if let PatternRecipe::Image { path: image } = &mut recipe.pattern {
+            *image = name(image);
         }
         for table in recipe.materials.iter_mut().filter_map(|material| material.table.as_mut()) {
             *table = name(table);

@@ -165,7 +165,8 @@ impl WatchedFolder {
 fn take(from: &Path, to: &Path) -> Result<()> {
     let bytes = fs::read(from).map_err(|error| Error::reading(from, error))?;
     if bytes.starts_with(&crate::develop::frame::JPEG_START) {
-        let message = "the camera stored a JPEG, which is not linear; set it to store raw or 16-bit TIFF files";
+        let message =
+            "the camera stored a JPEG, which is not linear; set it to store raw or 16-bit TIFF files";
         return Err(Error::input(format!("{}: {message}", from.display())));
     }
     crate::files::write_bytes(to, &bytes)?;

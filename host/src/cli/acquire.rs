@@ -10,11 +10,11 @@ use crate::acquire::journal;
 use crate::acquire::station::{self, Camera, Station, WatchedFolder};
 use crate::acquire::{self, RunFolder};
 use crate::error::{Error, Result};
+#[cfg(feature = "sim")]
+use crate::files;
 use crate::plan::Plan;
 use crate::rig::config::RigConfig;
 use crate::rig::{RigClient, open_port};
-#[cfg(feature = "sim")]
-use crate::files;
 use crate::toml_file;
 
 /// Arguments of `lobelia acquire`.
@@ -131,7 +131,8 @@ fn keep_material(args: &AcquireArgs) -> Result<()> {
         return Ok(());
     };
     let recipe = crate::acquire::recipe::Recipe::load(path)?;
-    let text = toml::to_string(&recipe).map_err(|error| Error::failure(format!("{MATERIAL_FILE}: {error}")))?;
+    let text =
+        toml::to_string(&recipe).map_err(|error| Error::failure(format!("{MATERIAL_FILE}: {error}")))?;
     files::create_folder(&args.output)?;
     files::write_bytes(&kept, text.as_bytes())
 }
