@@ -24,7 +24,15 @@ pub(super) fn run(args: &DemoArgs, context: &mut Context) -> Result<()> {
     clear(&args.out)?;
     let seed = context.seed;
     let outcome = demo::run(&args.out, args.size, seed, &mut context.report)?;
-    let _ = &outcome;
+    let mut renderings = Vec::new();
+    if let Some(result) = outcome.fits.last() {
+        let (pictures, no_gpu) = demo::pictures::render(&result.map, &args.out, seed, &mut context.report)?;
+        if let Some(why) = no_gpu {
+            context.note(format!("no picture by the GPU: {why}"));
+        }
+        renderings = pictures;
+    }
+    let _ = &renderings;
     context.report.finish();
     context.report.write(&args.out.join("report.json"))?;
     for stage in &context.report.stages {

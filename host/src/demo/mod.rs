@@ -13,6 +13,8 @@ use crate::reflectance::SbrdfMap;
 use crate::report::Report;
 use crate::rig::config::RigConfig;
 
+pub mod page;
+pub mod pictures;
 pub mod sample;
 pub mod truth;
 

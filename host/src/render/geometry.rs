@@ -85,7 +85,7 @@ impl Geometry {
             .iter()
             .map(|&[a, b, c]| Triangle { v0: corner(a), v1: corner(b), v2: corner(c) })
             .collect();
-        let bvh = build_cwbvh_from_tris(&triangles, BvhBuildParams::fast_build(), &mut Duration::default());
+        let bvh = build_cwbvh_from_tris(&triangles, BvhBuildParams::slow_build(), &mut Duration::default());
         let leaves =
             bvh.primitive_indices.iter().map(|&i| RtTriangle::from(&triangles[i as usize])).collect();
         let (low, high) = joined.bounds();

@@ -7,17 +7,22 @@ use crate::error::{Error, Result};
 use crate::reflectance::Rgb;
 
 impl Environment {
-    /// Reads an equirectangular image, `.exr` (RGB channels) or `.hdr` (Radiance RGBE).
+    /// Reads an equirectangular image, `.exr` (RGB channels) or `.hdr` (Radiance RGBE). Negative values, which lossy
+    /// compression and resampling leave around lamps, are taken as 0.
     ///
     /// # Errors
-    /// Input errors for a file that is missing, of another kind, or holds negative or non-finite radiance.
+    /// Input errors for a file that is missing, of another kind, or holds radiance that is not finite.
     pub fn read(path: &Path) -> Result<Self> {
         let extension = path.extension().unwrap_or_default().to_string_lossy().to_lowercase();
-        let (width, height, pixels) = match extension.as_str() {
+        let (width, height, mut pixels) = match extension.as_str() {
             "exr" => read_exr(path)?,
             "hdr" | "pic" => read_hdr(path)?,
             _ => return Err(Error::reading(path, "an environment is a .exr or a .hdr file")),
         };
+        for pixel in &mut pixels {
+            // Not `max`, which would turn NaN into 0.
+            *pixel = pixel.map(|value| if value < 0.0 { 0.0 } else { value });
+        }
         Self::new(width, height, pixels).map_err(|error| error.at(path.display()))
     }
 }
@@ -65,6 +70,17 @@ mod tests {
         for (read, wrote) in environment.pixels.iter().zip(&pixels) {
             assert!((read.z - wrote.0[2]).abs() <= 8.0 && (read.x - wrote.0[0]).abs() <= 8.0);
         }
+    }
+
+    #[test]
+    fn negative_values_of_a_file_are_taken_as_black_and_nan_is_refused() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("sky.exr");
+        exr::prelude::write_rgb_file(&path, 4, 2, |x, _| (x as f32 - 1.0, 1.0, 2.0)).unwrap();
+        assert_eq!(Environment::read(&path).unwrap().pixels[0], Rgb::new(0.0, 1.0, 2.0));
+        exr::prelude::write_rgb_file(&path, 4, 2, |x, y| (f32::NAN, x as f32, y as f32)).unwrap();
+        let error = Environment::read(&path).unwrap_err().to_string();
+        assert!(error.contains("sky.exr") && error.contains("(0, 0)"), "{error}");
     }
 
     #[test]

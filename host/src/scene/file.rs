@@ -192,7 +192,7 @@ fn mesh(name: &str, folder: &Path) -> Result<Mesh> {
         "sphere" => Ok(shapes::sphere(192, 96)),
         "plane" => Ok(shapes::plane(16)),
         "backdrop" => Ok(shapes::backdrop(64)),
-        "drape" => Ok(shapes::drape(288)),
+        "drape" => Ok(shapes::drape(224)),
         file if Path::new(file).extension().is_some() => Mesh::read(&folder.join(file)),
         other => Err(Error::input(format!(
             "there is no shape \"{other}\"; use one of {} or a .gltf, .glb, .obj or .ply file",

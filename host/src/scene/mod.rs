@@ -196,8 +196,9 @@ impl Scene {
                 "camera: width and height are {width} × {height}; use 1 to 16384"
             )));
         }
-        let finite = position.is_finite() && target.is_finite() && up.is_finite();
-        if !finite || !((target - position).cross(up).length() > 0.0) {
+        // NaN and infinity show in the product too.
+        let spread = (target - position).cross(up).length();
+        if !spread.is_finite() || spread == 0.0 {
             return Err(Error::input(
                 "camera: position, target and up must be finite and not lie on one line",
             ));

@@ -9,12 +9,9 @@ use crate::reflectance::{Lobe, LobeBrdf, Rgb, SbrdfMap, materials};
 
 /// A material on a draped cloth, another on a sphere before it, in the studio with two lights more.
 pub fn showcase(cloth: Material, ball: Material, width: u32, height: u32) -> Scene {
-    let place = |scale: f32, translate: Vec3, turn: f32| {
-        Affine3A::from_scale_rotation_translation(
-            Vec3::splat(scale),
-            glam::Quat::from_rotation_y(turn),
-            translate,
-        )
+    let place = |scale: f32, translate: Vec3, turn: f32, tilt: f32| {
+        let rotation = glam::Quat::from_rotation_x(tilt) * glam::Quat::from_rotation_y(turn);
+        Affine3A::from_scale_rotation_translation(Vec3::splat(scale), rotation, translate)
     };
     let object = |name: &str, mesh, transform, material| Object {
         name: name.to_string(),
@@ -22,12 +19,22 @@ pub fn showcase(cloth: Material, ball: Material, width: u32, height: u32) -> Sce
         transform,
         material,
     };
-    let backdrop = Material::uniform(LobeBrdf::diffuse(Rgb::new(0.30, 0.31, 0.33)));
+    let backdrop = Material::uniform(LobeBrdf::diffuse(Rgb::new(0.115, 0.12, 0.13)));
     Scene {
         objects: vec![
-            object("cloth", shapes::drape(288), place(1.0, Vec3::new(-0.28, 0.0, 0.0), 0.5), cloth),
-            object("ball", shapes::sphere(192, 96), place(0.36, Vec3::new(0.98, 0.36, 0.72), 0.4), ball),
-            object("backdrop", shapes::backdrop(96), place(6.0, Vec3::new(0.0, 0.0, 2.6), 0.0), backdrop),
+            object("cloth", shapes::drape(224), place(1.0, Vec3::new(-0.30, 0.0, -0.1), 0.62, 0.0), cloth),
+            object(
+                "ball",
+                shapes::sphere(192, 96),
+                place(0.34, Vec3::new(0.98, 0.34, 0.66), 0.4, -0.5),
+                ball,
+            ),
+            object(
+                "backdrop",
+                shapes::backdrop(24),
+                place(6.0, Vec3::new(0.0, 0.0, 2.6), 0.0, 0.0),
+                backdrop,
+            ),
         ],
         lights: vec![
             Light::Directional {
@@ -39,14 +46,14 @@ pub fn showcase(cloth: Material, ball: Material, width: u32, height: u32) -> Sce
         environment: Some(Environment::studio()),
         background: Background::Environment,
         camera: Camera {
-            position: Vec3::new(0.35, 1.55, 4.3),
-            target: Vec3::new(0.12, 0.56, 0.0),
+            position: Vec3::new(0.45, 1.75, 4.4),
+            target: Vec3::new(0.15, 0.52, 0.0),
             up: Vec3::Y,
-            fov: 27f32.to_radians(),
+            fov: 26f32.to_radians(),
             width,
             height,
         },
-        exposure: 1.0,
+        exposure: 0.85,
     }
 }
 
@@ -80,15 +87,15 @@ pub fn check(first: &LobeBrdf, second: &LobeBrdf, cells: usize, texels_a_cell: u
     SbrdfMap::from_texels(side, side, &(0..side * side).map(texel).collect::<Vec<_>>())
 }
 
-/// [`showcase`] of published materials: cloth woven of blue paint and metal, a ball checked in clay and primer.
+/// [`showcase`] of published materials: cloth woven of blue paint and dimmed metal, a ball checked in clay and felt.
 pub fn published(width: u32, height: u32) -> Scene {
     let named = |name: &str| materials::published(name).unwrap_or_default();
     let silver = dimmed(&named("brushed-metal"), 0.45);
     let cloth = weave(&named("blue-paint"), &silver, 16);
-    let ball = check(&named("clay"), &dimmed(&named("felt"), 0.6), 2, 32);
+    let ball = check(&named("clay"), &named("felt"), 2, 32);
     showcase(
-        Material::map(Arc::new(cloth), Vec2::splat(20.0)),
-        Material::map(Arc::new(ball), Vec2::new(8.0, 4.0)),
+        Material::map(Arc::new(cloth), Vec2::splat(24.0)),
+        Material::map(Arc::new(ball), Vec2::new(10.0, 5.0)),
         width,
         height,
     )

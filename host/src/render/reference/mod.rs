@@ -1,5 +1,5 @@
 //! The reference renderer: rays on the CPU. Point and directional lights with shadows, the environment by importance
-//! sampling of its pixels and of the lobes, both weighted by the balance heuristic. Light is reflected once.
+//! sampling of its pixels and of the lobes, both weighted by the power heuristic. Light is reflected once.
 
 mod environment;
 mod sampler;
@@ -94,6 +94,13 @@ pub fn render(scene: &Scene, settings: &Settings) -> Result<Rendering> {
     })
 }
 
+/// How an incident direction was drawn.
+#[derive(Clone, Copy)]
+enum By {
+    Environment,
+    Lobes,
+}
+
 /// A scene made ready.
 struct Tracer<'a> {
     scene: &'a Scene,
@@ -149,23 +156,24 @@ impl Tracer<'_> {
         });
         if let Some(environment) = &self.environment {
             let arriving = environment.sample(self.sequence.point(pixel, index, purpose::ENVIRONMENT));
-            radiance += self.weighted(surface, shader, &arriving, rays);
+            radiance += self.weighted(surface, shader, &arriving, By::Environment, rays);
             let [choice, _] = self.sequence.point(pixel, index, purpose::CHOICE);
             let local = sample_lobes(shader, choice, self.sequence.point(pixel, index, purpose::LOBE));
             if local.z > 0.0 {
                 let arriving = environment.arriving(surface.to_world(local));
-                radiance += self.weighted(surface, shader, &arriving, rays);
+                radiance += self.weighted(surface, shader, &arriving, By::Lobes, rays);
             }
         }
         radiance
     }
 
-    /// One sample's share under the balance heuristic: both ways of sampling together have the density p_e + p_l.
+    /// One sample's share under the power heuristic: f L cosθ / p, weighted by p² / (p_e² + p_l²).
     fn weighted(
         &self,
         surface: &Surface,
         shader: &Shader,
         arriving: &environment::Arriving,
+        by: By,
         rays: &mut u64,
     ) -> Rgb {
         let wi = surface.to_local(arriving.direction);
@@ -173,7 +181,14 @@ impl Tracer<'_> {
             return Rgb::ZERO;
         }
         let (reflectance, density) = shader.eval_and_density(wi);
-        let share = reflectance * arriving.radiance * (wi.z / (density + arriving.density));
+        let drawn = match by {
+            By::Environment => arriving.density,
+            By::Lobes => density,
+        };
+        // Divided by `drawn` twice, so that the squares stay in range.
+        let (ratio_e, ratio_l) = (arriving.density / drawn, density / drawn);
+        let weight = wi.z / (drawn * (ratio_e * ratio_e + ratio_l * ratio_l));
+        let share = reflectance * arriving.radiance * weight;
         if share == Rgb::ZERO {
             return Rgb::ZERO;
         }
