@@ -2,6 +2,8 @@
 //!
 //! The publication gives every channel its own C and n, so a lobe here often carries the albedo of one channel only.
 
+#![allow(clippy::excessive_precision, reason = "the numbers are as printed")]
+
 use glam::Vec3;
 
 use crate::{Lobe, LobeBrdf, Rgb};

@@ -31,7 +31,7 @@ pub(super) struct FitArgs {
     /// How the lobes' shapes are found
     #[arg(long, value_enum, default_value_t = MethodName::Auto)]
     pub(super) method: MethodName,
-    /// The scale on which fitted and measured values are compared; `auto` is proportional for texels, log for tables
+    /// The scale on which fitted and measured values are compared; `auto` is proportional for texels, balanced for tables
     #[arg(long, value_enum, default_value_t = ResidualName::Auto)]
     pub(super) residual: ResidualName,
     /// Isotropic lobes only: Cx = Cy, no direction of anisotropy. Tables are always fitted so
@@ -74,7 +74,7 @@ pub(super) enum MethodName {
 /// Names of residuals on the command line.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub(super) enum ResidualName {
-    /// Proportional for texels, log for tables
+    /// Proportional for texels, balanced for tables
     Auto,
     /// f
     Linear,
@@ -84,6 +84,8 @@ pub(super) enum ResidualName {
     Proportional,
     /// ln(1e-3 + f cosθ_o)
     Log,
+    /// As log, but relative where a bright sample is exceeded
+    Balanced,
     /// Cube root of (1e-3 + f cosθ_o)
     CubeRoot,
 }
@@ -130,6 +132,7 @@ impl FitArgs {
             ResidualName::CosineWeighted => Residual::CosineWeighted,
             ResidualName::Proportional => Residual::Proportional,
             ResidualName::Log => Residual::Log,
+            ResidualName::Balanced => Residual::Balanced,
             ResidualName::CubeRoot => Residual::CubeRoot,
         }
     }
@@ -229,7 +232,7 @@ fn fit_table(args: &FitArgs, seed: u64) -> Result<FitOutcome> {
     }
     let options = TableOptions {
         method: args.method(),
-        residual: args.residual(Residual::Log),
+        residual: args.residual(Residual::Balanced),
         hold_out_theta_deg: args.hold_out_theta_deg.clone(),
         random_starts: args.random_starts,
         seed,

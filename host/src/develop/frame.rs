@@ -74,6 +74,7 @@ fn exposure(path: &Path) -> Result<f64> {
 }
 
 #[cfg(all(test, feature = "sim"))]
+#[allow(clippy::unwrap_used, reason = "clippy does not see that this is a test module")]
 mod tests {
     use super::*;
     use lobelia_hil_sim::optics::frame::{FrameNotes, write_tiff};

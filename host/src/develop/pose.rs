@@ -83,9 +83,9 @@ fn step(
         equations.add(&derivatives.map(|d| d.y), residual.y, 1.0);
     }
     // The motors' own word: every unknown is 0, give or take one.
-    for k in 0..6 {
+    for (k, unknown) in unknowns.iter().enumerate() {
         let row = std::array::from_fn(|j| if j == k { 1.0 } else { 0.0 });
-        equations.add(&row, -unknowns[k], 1.0);
+        equations.add(&row, -unknown, 1.0);
     }
     equations.solve(0.0)
 }

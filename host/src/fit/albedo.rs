@@ -76,8 +76,7 @@ impl System<'_> {
 
     fn cost(&self, x: &[f64]) -> f64 {
         let residual = |k: usize| {
-            let (g, _) = self.target.residual.transform(self.value(x, k), self.samples.cos_o[k]);
-            self.target.weight[k] * (g - self.target.goal[k])
+            self.target.difference(self.value(x, k), self.samples.cos_o[k], k).0 * self.target.weight[k]
         };
         (0..self.samples.len()).map(|k| residual(k).powi(2)).sum()
     }
@@ -88,8 +87,8 @@ impl System<'_> {
             let mut next = vec![0.0; x.len()];
             self.normal(&mut next, |k| {
                 let value = self.value(x, k);
-                let (g, slope) = self.target.residual.transform(value, self.samples.cos_o[k]);
-                let data = value + (self.target.goal[k] - g) / slope.max(1e-12);
+                let (difference, slope) = self.target.difference(value, self.samples.cos_o[k], k);
+                let data = value - difference / slope.max(1e-12);
                 ((self.target.weight[k] * slope).powi(2), data - self.offset)
             });
             let mut lowered = false;

@@ -118,8 +118,8 @@ impl Optimiser {
         }
         let mut cost = 0.0;
         for k in 0..count {
-            let (g, _) = target.residual.transform(self.values[k], samples.cos_o[k]);
-            cost += (target.weight[k] * (g - target.goal[k])).powi(2);
+            let (difference, _) = target.difference(self.values[k], samples.cos_o[k], k);
+            cost += (target.weight[k] * difference).powi(2);
         }
         if cost.is_finite() { cost } else { f64::INFINITY }
     }
@@ -134,8 +134,8 @@ impl Optimiser {
         self.gradient.resize(size, 0.0);
         self.row.resize(size, 0.0);
         for k in 0..count {
-            let (g, slope) = target.residual.transform(self.values[k], samples.cos_o[k]);
-            let residual = target.weight[k] * (g - target.goal[k]);
+            let (difference, slope) = target.difference(self.values[k], samples.cos_o[k], k);
+            let residual = target.weight[k] * difference;
             self.row.fill(0.0);
             self.derivatives(samples, model, freedom, layout, k);
             let scale = target.weight[k] * slope;

@@ -78,17 +78,22 @@ pub enum Residual {
     Proportional,
     /// g(f) = ln(1e-3 + f cosθ_o).
     Log,
+    /// As [`Self::Log`], but where a bright sample (against 0.3 sr⁻¹) is exceeded by a ratio t it counts as t − 1 instead of ln t:
+    /// the logarithm alone lets a peak rise to several times what was measured.
+    Balanced,
     /// g(f) = ∛(1e-3 + f cosθ_o): between linear and logarithmic.
     CubeRoot,
 }
 
 impl Residual {
     /// All of them.
-    pub const ALL: [Self; 5] =
-        [Self::Linear, Self::CosineWeighted, Self::Proportional, Self::Log, Self::CubeRoot];
+    pub const ALL: [Self; 6] =
+        [Self::Linear, Self::CosineWeighted, Self::Proportional, Self::Log, Self::Balanced, Self::CubeRoot];
 
     /// Floor of the logarithm and the cube root, sr⁻¹.
     const FLOOR: f64 = 1e-3;
+    /// f cosθ_o at which the balanced residual is half logarithmic, half relative, sr⁻¹.
+    const BRIGHT: f64 = 0.3;
     /// Floor of the proportional residual, sr⁻¹: additive noise over relative noise.
     const NOISE_RATIO: f64 = 0.02;
 
@@ -99,6 +104,7 @@ impl Residual {
             Self::CosineWeighted => "cosine-weighted",
             Self::Proportional => "proportional",
             Self::Log => "log",
+            Self::Balanced => "balanced",
             Self::CubeRoot => "cube-root",
         }
     }
@@ -115,12 +121,27 @@ impl Residual {
         match self {
             Self::Linear | Self::Proportional => (value, 1.0),
             Self::CosineWeighted => (value * cos_o, cos_o),
-            Self::Log => (above().ln(), cos_o / above()),
+            Self::Log | Self::Balanced => (above().ln(), cos_o / above()),
             Self::CubeRoot => {
                 let root = above().cbrt();
                 (root, cos_o / (3.0 * root * root))
             }
         }
+    }
+
+    /// The difference of a fitted value from a measured one, of which g is `goal`, and its derivative by the fitted value.
+    #[inline]
+    pub fn difference(self, value: f64, cos_o: f64, goal: f64) -> (f64, f64) {
+        let (g, slope) = self.transform(value, cos_o);
+        let difference = g - goal;
+        if self == Self::Balanced && difference > 0.0 {
+            // e^d − 1 with d kept where its square is finite.
+            let ratio = difference.min(300.0).exp();
+            let measured = goal.exp() - Self::FLOOR;
+            let share = measured / (measured + Self::BRIGHT);
+            return (difference + share * (ratio - 1.0 - difference), (1.0 + share * (ratio - 1.0)) * slope);
+        }
+        (difference, slope)
     }
 
     /// The weight that depends on the measured value.

@@ -107,6 +107,12 @@ pub struct Target {
 pub const MOST_OVER_SEEN: f64 = 4.0;
 
 impl Target {
+    /// What sample k's fitted value differs by, before its weight, and the derivative by the value.
+    #[inline]
+    pub fn difference(&self, value: f64, cos_o: f64, k: usize) -> (f64, f64) {
+        self.residual.difference(value, cos_o, self.goal[k])
+    }
+
     /// Sets the target to `values` at the directions of `samples`.
     pub fn set(&mut self, samples: &Samples, values: impl Iterator<Item = f64>, residual: Residual) {
         self.residual = residual;

@@ -22,6 +22,9 @@ const ROWS: usize = EXPONENTS + 1;
 pub struct Effort {
     /// Directions of C round the circle in the bank.
     pub directions: usize,
+    /// Powers of the residual's linearised weights under which extensions are looked for: 1 is the residual itself, to first order;
+    /// 0 sees the peaks that a logarithmic residual hardly weighs.
+    pub powers: &'static [f64],
     /// Sets kept after each added lobe.
     pub beam: usize,
     /// Optimiser steps for a set before it's compared with the others.
@@ -32,11 +35,17 @@ pub struct Effort {
 
 impl Effort {
     /// For one of thousands of texels.
-    pub const TEXEL: Self =
-        Self { directions: 36, beam: 2, trial_steps: 6, limits: Limits { iterations: 60, tolerance: 1e-7 } };
+    pub const TEXEL: Self = Self {
+        directions: 36,
+        powers: &[1.0],
+        beam: 2,
+        trial_steps: 6,
+        limits: Limits { iterations: 60, tolerance: 1e-7 },
+    };
     /// For one table, where a second is nothing.
     pub const TABLE: Self = Self {
         directions: 144,
+        powers: &[1.0, 0.5, 0.0],
         beam: 24,
         trial_steps: 30,
         limits: Limits { iterations: 400, tolerance: 1e-9 },
@@ -136,7 +145,9 @@ impl Search {
             let width = if added == lobes { effort.beam } else { effort.beam.div_ceil(2) };
             let mut next = Vec::new();
             for set in &beam {
-                self.extensions(problem, &set.model, effort.beam, &mut next);
+                for &power in effort.powers {
+                    self.extensions(problem, &set.model, power, effort, &mut next);
+                }
             }
             for candidate in &mut next {
                 let limits = Limits { iterations: effort.trial_steps, ..effort.limits };
@@ -163,9 +174,17 @@ impl Search {
 
     /// Adds to `found` the sets that are `model` and one lobe of the bank more, for the `most` best local maxima of what
     /// the joint closed-form amplitudes explain.
-    fn extensions(&mut self, problem: &Problem<'_>, model: &Model, most: usize, found: &mut Vec<Candidate>) {
+    fn extensions(
+        &mut self,
+        problem: &Problem<'_>,
+        model: &Model,
+        power: f64,
+        effort: Effort,
+        found: &mut Vec<Candidate>,
+    ) {
         let count = problem.samples.len();
-        let mut system = self.system_of(problem, model);
+        let (most, thorough) = (effort.beam, effort.powers.len() > 1);
+        let mut system = self.system_of(problem, model, power);
         self.scores.clear();
         self.scores.resize(self.bank.directions * EXPONENTS, f64::NEG_INFINITY);
         for direction in (0..self.bank.directions).filter(|&direction| self.bank.seen[direction]) {
@@ -176,7 +195,16 @@ impl Search {
         }
         let mut maxima: Vec<usize> = (0..self.scores.len()).filter(|&i| self.is_local_maximum(i)).collect();
         maxima.sort_by(|&a, &b| self.scores[b].total_cmp(&self.scores[a]).then(a.cmp(&b)));
-        for index in maxima.into_iter().take(most) {
+        maxima.truncate(most);
+        if thorough {
+            // What the closed form ranks badly can still be the best once optimised: every exponent gets a try.
+            for exponent in 0..EXPONENTS {
+                let directions = (0..self.bank.directions).map(|direction| direction * EXPONENTS + exponent);
+                let best = directions.max_by(|&a, &b| self.scores[a].total_cmp(&self.scores[b]));
+                maxima.extend(best.filter(|&i| self.scores[i].is_finite() && !maxima.contains(&i)));
+            }
+        }
+        for index in maxima {
             let (direction, exponent) = (index / EXPONENTS, index % EXPONENTS);
             self.join(&mut system, direction, exponent, count);
             let mut extended = model.clone();
@@ -225,13 +253,13 @@ impl Search {
     }
 
     /// Fills the weighted columns of a model; the linear system that they and one column more make, without that one.
-    fn system_of(&mut self, problem: &Problem<'_>, model: &Model) -> System {
+    fn system_of(&mut self, problem: &Problem<'_>, model: &Model, power: f64) -> System {
         let (samples, target) = (problem.samples, problem.target);
         let count = samples.len();
         // Weights can span many powers of ten; f32 products need them near 1.
         let largest = target.linear_weight.iter().copied().fold(0.0, f64::max).max(1e-300);
         self.weights.clear();
-        self.weights.extend(target.linear_weight.iter().map(|w| (w / largest) as f32));
+        self.weights.extend(target.linear_weight.iter().map(|w| (w / largest).powf(power) as f32));
         let fixed = if problem.freedom.diffuse { 0.0 } else { model.diffuse };
         self.data.clear();
         self.data.extend((0..count).map(|k| (target.value[k] - fixed) as f32 * self.weights[k]));

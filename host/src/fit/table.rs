@@ -269,6 +269,27 @@ mod tests {
     }
 
     #[test]
+    fn one_deterministic_start_reaches_what_many_random_ones_do_on_measured_paint() {
+        let folder = std::env::var("LOBELIA_DATA").unwrap_or_else(|_| "../../shared/data".into());
+        let path = std::path::Path::new(&folder).join("brdf/cayman.brdf");
+        if !path.exists() {
+            println!("skipped: {} is not there", path.display());
+            return;
+        }
+        let options = TableOptions {
+            residual: Residual::Balanced,
+            hold_out_theta_deg: vec![30.0, 60.0],
+            random_starts: 16,
+            ..options()
+        };
+        let fits = fit(&MeasuredTable::read(&path).unwrap(), &[650.0], &[1, 2], &options).unwrap();
+        for fit in &fits {
+            assert!(fit.start_ratio.unwrap() < 1.02, "{fit:?}");
+        }
+        assert!(fits[1].held_out.unwrap().log_rms < 0.2, "{fits:?}");
+    }
+
+    #[test]
     fn held_out_angles_that_leave_nothing_are_refused() {
         let refused = |angles: Vec<f64>, wavelength: f64| {
             let options = TableOptions { hold_out_theta_deg: angles, ..options() };

@@ -22,7 +22,7 @@ const BLUR: usize = 14;
 const MARGIN: f64 = 0.08;
 
 /// The most pixels that a fit uses; of a large tag every second, third, … row and column.
-const MOST_PIXELS: f64 = 2500.0;
+const MOST_PIXELS: f64 = 900.0;
 
 /// The blur's variance in square pixels at the start, and its limits. A pixel alone has 1/12.
 const FIRST_BLUR: f64 = 0.35;
@@ -39,7 +39,7 @@ const LEAST_CONTRAST: f64 = 0.2;
 const FARTHEST: f64 = 4.5;
 
 /// A fit is done when no corner moves farther than this, in pixels.
-const SETTLED: f64 = 0.004;
+const SETTLED: f64 = 0.01;
 
 /// Shifts tried around a prediction: every half pixel up to this many steps on either axis.
 const SHIFT: f64 = 0.5;
