@@ -3,7 +3,7 @@
 use std::io::{Read, Write};
 use std::net::{Shutdown, SocketAddr, TcpListener, TcpStream};
 use std::path::Path;
-use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
@@ -65,32 +65,32 @@ impl ServedRig {
     pub fn exposures(&self) -> Vec<ExposureTruth> {
         self.truths.lock().expect("no thread panicked").clone()
     }
+
+    /// Whether so many exposures were made.
+    pub fn has_exposed(&self, count: usize) -> impl Fn() -> bool + Send + Sync + use<> {
+        let truths = Arc::clone(&self.truths);
+        move || truths.lock().expect("no thread panicked").len() >= count
+    }
 }
 
 /// A line to a rig that loses, flips and doubles bytes in both directions.
 pub fn bad_line(to: SocketAddr, rates: FaultRates, seed: u64) -> SocketAddr {
-    relay(to, move |stream, way| Box::new(FaultyLink::new(stream, rates, seed + way)), |_| true)
+    relay(to, move |stream, way| Box::new(FaultyLink::new(stream, rates, seed + way)), || true)
 }
 
-/// A line to a rig that breaks, once, when the host has sent `bytes`; hosts that connect later find it mended.
-pub fn breaking_line(to: SocketAddr, bytes: usize) -> SocketAddr {
-    let sent = AtomicUsize::new(0);
-    relay(
-        to,
-        |stream, _| Box::new(stream),
-        move |count| {
-            let before = sent.fetch_add(count, Ordering::Relaxed);
-            !(before..before + count).contains(&bytes)
-        },
-    )
+/// A line to a rig that breaks, once, at the first word from the host after `now` says so; hosts that connect later
+/// find it mended.
+pub fn breaking_line(to: SocketAddr, now: impl Fn() -> bool + Send + Sync + 'static) -> SocketAddr {
+    let broke = AtomicBool::new(false);
+    relay(to, |stream, _| Box::new(stream), move || !now() || broke.swap(true, Ordering::Relaxed))
 }
 
-/// Passes bytes both ways between hosts and a rig. `wrap` sees the reading end of each way, `goes_on` the bytes from
-/// the host.
+/// Passes bytes both ways between hosts and a rig. `wrap` sees the reading end of each way, `goes_on` is asked
+/// whenever the host has sent something.
 fn relay(
     to: SocketAddr,
     wrap: impl Fn(TcpStream, u64) -> Box<dyn Read + Send> + Send + 'static,
-    goes_on: impl Fn(usize) -> bool + Send + Sync + 'static,
+    goes_on: impl Fn() -> bool + Send + Sync + 'static,
 ) -> SocketAddr {
     let (listener, address) = listener();
     let goes_on = Arc::new(goes_on);
@@ -103,16 +103,16 @@ fn relay(
             let (from_host, from_rig) = (wrap(host, 0), wrap(rig, 1));
             let goes_on = Arc::clone(&goes_on);
             std::thread::spawn(move || pump(from_host, &to_rig, &*goes_on));
-            std::thread::spawn(move || pump(from_rig, &to_host, &|_| true));
+            std::thread::spawn(move || pump(from_rig, &to_host, &|| true));
         }
     });
     address
 }
 
-fn pump(mut from: Box<dyn Read + Send>, mut to: &TcpStream, goes_on: &dyn Fn(usize) -> bool) {
+fn pump(mut from: Box<dyn Read + Send>, mut to: &TcpStream, goes_on: &dyn Fn() -> bool) {
     let mut buffer = [0; 512];
     while let Ok(count) = from.read(&mut buffer) {
-        if count == 0 || !goes_on(count) || to.write_all(&buffer[..count]).is_err() {
+        if count == 0 || !goes_on() || to.write_all(&buffer[..count]).is_err() {
             break;
         }
     }

@@ -42,12 +42,9 @@ fn error_value(report: &Value, name: &str, on: &[(&str, Value)]) -> f64 {
 }
 
 #[test]
-fn the_small_demo_meets_its_bounds_and_is_the_same_on_one_thread_byte_for_byte() {
+fn the_small_demo_meets_its_bounds() {
     let folder = tempfile::tempdir().unwrap();
-    let demo = ["demo", "--size", "small", "--quiet"];
-    succeed(folder.path(), &[&demo[..], &["--out", "all"]].concat());
-    succeed(folder.path(), &[&demo[..], &["--out", "one", "--threads", "1"]].concat());
-
+    succeed(folder.path(), &["demo", "--size", "small", "--quiet", "--out", "all"]);
     let all = folder.path().join("all");
     let report = report(&all.join("report.json"));
     assert_complete(&report, "demo");
@@ -67,11 +64,27 @@ fn the_small_demo_meets_its_bounds_and_is_the_same_on_one_thread_byte_for_byte()
     {
         assert!(all.join(file).is_file(), "{file} is missing");
     }
-    let one = folder.path().join("one");
-    folder::assert_same(&all.join("run"), &one.join("run"), "the run");
-    folder::assert_same(&all.join("sampled.zarr"), &one.join("sampled.zarr"), "the sampled SBRDF");
-    let map = |folder: &Path| fs::read(folder.join("material.exr")).unwrap();
-    assert!(map(&all) == map(&one), "material.exr differs");
+}
+
+/// Asserts that two folders' runs, sampled SBRDFs and maps are the same.
+fn assert_same_results(left: &Path, right: &Path) {
+    for name in ["run", "sampled.zarr"] {
+        folder::assert_same(&left.join(name), &right.join(name), name);
+    }
+    for name in ["plan.toml", "material.exr", "out.exr", "out.png"] {
+        let bytes = |folder: &Path| fs::read(folder.join(name)).ok();
+        assert!(bytes(left) == bytes(right), "{name} differs");
+    }
+}
+
+#[test]
+#[ignore = "long: cargo xtask long"]
+fn the_demo_is_the_same_on_one_thread_byte_for_byte() {
+    let folder = tempfile::tempdir().unwrap();
+    let demo = ["demo", "--size", "small", "--quiet"];
+    succeed(folder.path(), &[&demo[..], &["--out", "all"]].concat());
+    succeed(folder.path(), &[&demo[..], &["--out", "one", "--threads", "1"]].concat());
+    assert_same_results(&folder.path().join("all"), &folder.path().join("one"));
 }
 
 /// Relative errors of a developed run's valid samples against `truth` of texel, light and view; texels that `of`
@@ -172,11 +185,12 @@ fn both_thread_directions_of_a_weave_come_back_with_their_own_reflectance() {
         let own = sample_errors(&sampled, of, |k, wi, wo| sample.at(at(k).x, at(k).y).eval(wi, wo));
         // The other thread's material, one pitch further.
         let further = |x: f64| if x > 0.0 { x - PITCH_MM } else { x + PITCH_MM };
-        let other =
+        let mut other =
             sample_errors(&sampled, of, |k, wi, wo| sample.at(further(at(k).x), at(k).y).eval(wi, wo));
         let mut sorted = own.clone();
         sorted.sort_by(f64::total_cmp);
         let (middle, high) = (small::median(own), sorted[sorted.len() * 95 / 100]);
+        other.sort_by(f64::total_cmp);
         let count = sorted.len();
         println!(
             "{thread}: median {:.2} %, 95 % below {:.2} %, {count} samples",
@@ -184,15 +198,26 @@ fn both_thread_directions_of_a_weave_come_back_with_their_own_reflectance() {
             100.0 * high
         );
         assert!(count > 500 && middle < 0.02 && high < 0.05, "{thread}: {middle} {high} {count}");
-        assert!(small::median(other) > 3.0 * middle, "{thread} cannot be told from the other thread");
+        // Most pairs of directions see little of either highlight.
+        let away = other[other.len() * 95 / 100];
+        assert!(away > 5.0 * high, "{thread}: the other thread is off by no more than {away}");
     }
 }
 
 #[test]
-fn the_commands_chain_through_their_files_as_a_user_types_them() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path();
-    let lobelia = |line: &str| succeed(path, &line.split_whitespace().collect::<Vec<_>>());
+fn the_commands_chain_through_their_files_with_the_same_results_on_one_thread() {
+    let (all, one) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
+    type_the_chain(all.path(), "");
+    type_the_chain(one.path(), " --threads 1");
+    assert_same_results(all.path(), one.path());
+}
+
+/// Plan, acquire, develop, fit and render as a user would type them, each with `options`.
+fn type_the_chain(path: &Path, options: &str) {
+    let lobelia = |line: &str| {
+        let line = line.to_string() + options;
+        succeed(path, &line.split_whitespace().collect::<Vec<_>>())
+    };
     let rig = lobelia("template rig");
     assert!(rig.contains("texels_across = 128"), "{rig}");
     fs::write(path.join("rig.toml"), rig.replace("texels_across = 128", "texels_across = 32")).unwrap();
@@ -218,7 +243,11 @@ fn the_commands_chain_through_their_files_as_a_user_types_them() {
     assert_eq!((map.width, map.height), (32, 32));
     assert!(fs::read(path.join("out.png")).unwrap().starts_with(b"\x89PNG"));
     assert!(fs::read(path.join("out.exr")).unwrap().starts_with(&[0x76, 0x2f, 0x31, 0x01]));
-    // Every command can be asked what it does, and names itself.
-    assert!(lobelia("help acquire").contains("--resume"));
-    assert!(lobelia("completions bash").contains("lobelia"));
+}
+
+#[test]
+fn help_and_completions_are_there() {
+    let folder = tempfile::tempdir().unwrap();
+    assert!(succeed(folder.path(), &["help", "acquire"]).contains("--resume"));
+    assert!(succeed(folder.path(), &["completions", "bash"]).contains("lobelia"));
 }

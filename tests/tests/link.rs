@@ -99,12 +99,12 @@ fn a_line_on_which_nothing_gets_through_is_a_failure_and_nothing_moves() {
 fn a_cable_pulled_out_is_a_failure_that_a_resumed_run_makes_good() {
     let (folder, rig, plan) = inputs(5);
     let served = ServedRig::start(&rig, &folder.path().join("photos"));
-    // Enough for the hello, the configuration, homing, the dark frames and some poses.
-    let line = tcp::port(tcp::breaking_line(served.address, 900));
+    // Two dark frames and two poses.
+    let line = tcp::port(tcp::breaking_line(served.address, served.has_exposed(4)));
     acquire(folder.path(), &line, &NEW_RUN).refuses(1, &["link", "was lost", "plug it in", "--resume"]);
     let photographed = served.exposures().len();
     let all = 2 + plan.poses.len();
-    assert!((3..all).contains(&photographed), "{photographed} photographs before the cable came out");
+    assert!((4..all).contains(&photographed), "{photographed} photographs before the cable came out");
     let said = acquire(folder.path(), &line, &["--resume"]);
     assert_eq!(said.code, Some(0), "{said:?}");
     let frames = folder::listing(&folder.path().join("run/frames"));
