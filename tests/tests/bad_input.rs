@@ -1,5 +1,7 @@
 //! Bad input and failures through the command: the exit code, one sentence that says where, and nothing half-written.
 
+#![allow(clippy::unwrap_used, reason = "helpers of tests are tests")]
+
 use std::fs;
 use std::path::Path;
 

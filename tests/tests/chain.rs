@@ -1,5 +1,7 @@
 //! The whole chain: the demo as a process, samples whose truth is known, and every command as a user would type them.
 
+#![allow(clippy::unwrap_used, reason = "helpers of tests are tests")]
+
 use std::fs;
 use std::path::Path;
 
@@ -60,7 +62,7 @@ fn the_small_demo_meets_its_bounds() {
     assert!(reflectance < 0.06, "two lobes are off by {reflectance}");
 
     for file in
-        ["run/journal.jsonl", "run/plan.toml", "run/rig.toml", "material.exr", "sampled.zarr/zarr.json"]
+        ["run/journal.jsonl", "run/plan.toml", "run/rig.toml", "material.exr", "sampled.zarr/zarr.json", "report.html"]
     {
         assert!(all.join(file).is_file(), "{file} is missing");
     }

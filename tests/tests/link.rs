@@ -1,5 +1,7 @@
 //! Rigs that misbehave on a real port: another version, a bad line, a cable pulled out.
 
+#![allow(clippy::unwrap_used, reason = "helpers of tests are tests")]
+
 use std::fs;
 use std::path::Path;
 use std::sync::atomic::Ordering;

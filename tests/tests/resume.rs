@@ -1,5 +1,7 @@
 //! A run killed anywhere and resumed gives the sampled SBRDF of one that was not, byte for byte.
 
+#![allow(clippy::unwrap_used, reason = "helpers of tests are tests")]
+
 use std::fs;
 use std::path::Path;
 use std::process::Stdio;
