@@ -61,9 +61,14 @@ fn the_small_demo_meets_its_bounds() {
     let reflectance = error_value(&report, "relative_rms_reflectance", &lobes);
     assert!(reflectance < 0.06, "two lobes are off by {reflectance}");
 
-    for file in
-        ["run/journal.jsonl", "run/plan.toml", "run/rig.toml", "material.exr", "sampled.zarr/zarr.json", "report.html"]
-    {
+    for file in [
+        "run/journal.jsonl",
+        "run/plan.toml",
+        "run/rig.toml",
+        "material.exr",
+        "sampled.zarr/zarr.json",
+        "report.html",
+    ] {
         assert!(all.join(file).is_file(), "{file} is missing");
     }
 }

@@ -124,17 +124,23 @@ impl Recipe {
     /// # Errors
     /// Input errors naming the key or material.
     pub fn layout(&self, folder: &Path, carrier: &Carrier) -> Result<SampleLayout> {
+        let materials = self.build_materials(folder)?;
+        let pattern = self.pattern.build(folder, materials.len())?;
+        Ok(SampleLayout::new(carrier.sample_width_mm, carrier.sample_height_mm, materials, pattern))
+    }
+
+    /// The recipe's materials; files are relative to `folder`.
+    ///
+    /// # Errors
+    /// Input errors naming the material.
+    pub fn build_materials(&self, folder: &Path) -> Result<Vec<Material>> {
         if self.materials.is_empty() {
             return Err(Error::input("the recipe has no material"));
         }
-        let materials = self
-            .materials
-            .iter()
-            .enumerate()
-            .map(|(k, material)| material.build(folder).map_err(|error| error.at(format!("material {k}"))))
-            .collect::<Result<Vec<_>>>()?;
-        let pattern = self.pattern.build(folder, materials.len())?;
-        Ok(SampleLayout::new(carrier.sample_width_mm, carrier.sample_height_mm, materials, pattern))
+        let build = |(k, material): (usize, &MaterialRecipe)| {
+            material.build(folder).map_err(|error| error.at(format!("material {k}")))
+        };
+        self.materials.iter().enumerate().map(build).collect()
     }
 }
 
