@@ -101,6 +101,24 @@ impl Recipe {
         recipe.layout(folder, carrier).map_err(|error| error.at(path.display()))
     }
 
+    /// Reads a recipe and makes the names of its files absolute, so that it can be kept elsewhere.
+    ///
+    /// # Errors
+    /// Input errors naming file and key.
+    pub fn load(path: &Path) -> Result<Self> {
+        let mut recipe: Self = toml_file::read(path)?;
+        let path = std::path::absolute(path).map_err(|error| Error::reading(path, error))?;
+        let folder = path.parent().unwrap_or(Path::new("."));
+        let name = |file: &str| folder.join(file).to_string_lossy().into_owned();
+        if let PatternRecipe::Image { path: image } = &mut recipe.pattern {
+            *image = name(image);
+        }
+        for table in recipe.materials.iter_mut().filter_map(|material| material.table.as_mut()) {
+            *table = name(table);
+        }
+        Ok(recipe)
+    }
+
     /// Lays the sample out; files are relative to `folder`.
     ///
     /// # Errors

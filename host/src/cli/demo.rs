@@ -65,16 +65,35 @@ fn print(outcome: &DemoOutcome, report: &Report) {
     }
 }
 
-/// Removes an earlier demo; refuses a folder that is something else.
+/// The file by which a folder is known to be a demo's, whose content may be replaced.
+const MARKER: &str = ".lobelia-demo";
+
+/// Empties the folder of an earlier demo; refuses a folder that is something else.
 fn clear(folder: &Path) -> Result<()> {
     let empty = || std::fs::read_dir(folder).is_ok_and(|mut entries| entries.next().is_none());
-    if !folder.exists() || empty() {
-        return crate::files::create_folder(folder);
+    if folder.exists() && !empty() {
+        if !folder.join(MARKER).is_file() {
+            let message = "not empty and no earlier demo; name another folder with --out";
+            return Err(Error::input(format!("{}: {message}", folder.display())));
+        }
+        empty_folder(folder).map_err(|error| Error::writing(folder, error))?;
     }
-    if !folder.join("run").join("journal.jsonl").is_file() {
-        let message = "not empty and no earlier demo; name another folder with --out";
-        return Err(Error::input(format!("{}: {message}", folder.display())));
+    crate::files::create_folder(folder)?;
+    crate::files::write_bytes(&folder.join(MARKER), b"")
+}
+
+/// Removes what is in a folder, the marker last, so that a killed removal can be repeated.
+fn empty_folder(folder: &Path) -> std::io::Result<()> {
+    for entry in std::fs::read_dir(folder)? {
+        let entry = entry?;
+        if entry.file_name() == MARKER {
+            continue;
+        }
+        if entry.file_type()?.is_dir() {
+            std::fs::remove_dir_all(entry.path())?;
+        } else {
+            std::fs::remove_file(entry.path())?;
+        }
     }
-    std::fs::remove_dir_all(folder).map_err(|error| Error::writing(folder, error))?;
-    crate::files::create_folder(folder)
+    std::fs::remove_file(folder.join(MARKER))
 }
