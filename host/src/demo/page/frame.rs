@@ -279,3 +279,20 @@ fn detail(
         .collect::<Result<String>>()?;
     Ok(format!("<div class=\"three\">{drawn}</div>\n"))
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn frames_of_large_sensors_are_halved_and_keep_their_brightness() {
+        let config = RigConfig::default();
+        let level = config.camera.black_level as u16 + 1000;
+        let raw = RawFrame { width: 1600, height: 20, values: vec![level; 1600 * 20], exposure_s: 0.1 };
+        let mosaic = mosaic_picture(&config, &raw);
+        assert_eq!((mosaic.width, mosaic.height, mosaic.pixels[805]), (800, 10, [255; 4]));
+        let colours = colour_picture(&balanced(&config, &raw));
+        assert_eq!((colours.width, colours.height), (800, 10));
+        assert!(colours.pixels[5 * 800 + 400].iter().all(|&channel| channel > 0));
+    }
+}

@@ -92,7 +92,8 @@ fn hero(renderings: &[Rendered]) -> String {
         return String::new();
     }
     let figure = |rendered: &Rendered| {
-        let caption = format!("<b>{}</b> {}", html::escape(&rendered.title), html::escape(&rendered.caption));
+        let caption =
+            format!("<b>{}</b>: {}", html::escape(&rendered.title), html::escape(&rendered.caption));
         html::figure(&html::picture(&rendered.png, &rendered.title, "rendered"), &caption)
     };
     let class = if renderings.len() % 2 == 1 { "hero odd" } else { "hero" };
@@ -125,7 +126,7 @@ fn tiles(outcome: &DemoOutcome, result: &FitOutcome, report: &Report) -> String 
 /// With what the page was made, and what lies beside it.
 fn footer(report: &Report) -> String {
     format!(
-        "<footer><p>Lobelia {}, seed {}. Beside this page: <code>run/</code> (plan, rig, journal, raw frames), <code>sampled.zarr</code> (measured reflectance), <code>material.exr</code> (fitted coefficients), <code>report.json</code> (all figures). Reflectance is in sr⁻¹; luminance by Rec. 709.</p></footer>\n",
+        "<footer><p>Lobelia {}, seed {}. Beside this page: <code>run/</code> (plan, rig, journal, raw frames), <code>sampled.zarr</code> (measured reflectance), <code>material.exr</code> (fitted coefficients), the pictures as <code>.exr</code> (linear) and <code>.png</code>, <code>report.json</code> (all figures). Reflectance is in sr⁻¹; luminance by Rec. 709.</p></footer>\n",
         html::escape(&report.lobelia),
         report.seed
     )
