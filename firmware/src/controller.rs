@@ -1,14 +1,16 @@
 //! The controller: takes packets from the link, runs one long command at a time, and stops everything on a fault.
 
+mod moves;
+
 use core::array;
 
 use lobelia_protocol::{
-    AXES, Answer, Axis, Command, Configuration, Event, Fault, FaultReport, Field, HomeDirection, LampStatus,
-    Outcome, Refusal, Request, Response, Status, ToController, ToHost,
+    AXES, Answer, Axis, Command, Configuration, Event, Fault, FaultReport, Field, LampStatus, Outcome,
+    Refusal, Request, Response, Status, ToController, ToHost,
 };
 
 use crate::board::{Board, Peripherals, PinFailure};
-use crate::homing::{Homing, Progress};
+use crate::homing::Homing;
 use crate::lamp::Lamp;
 use crate::link::{Admission, Link};
 use crate::motion::axis::AxisDrive;
@@ -21,10 +23,12 @@ use crate::shutter::{OPEN_US, Shutter};
 enum Task {
     /// Axes run to their targets; then they settle for `settle_ms`.
     Move { settle_ms: u16 },
+    /// Axes brake, or go on to new targets; then all move to them.
+    Turn { targets: [i32; AXES] },
     /// Axes search for their switches.
     Home([Option<Homing>; AXES]),
-    /// Axes have come to rest and settle.
-    Settle { until_us: u64 },
+    /// Axes have come to rest, after a move or else after homing, and settle.
+    Settle { until_us: u64, moved: bool },
     /// The shutter is open.
     Expose,
     /// Axes come to rest because of a stop.
@@ -91,12 +95,17 @@ impl<B: Board> Controller<B> {
             return u64::MAX;
         };
         match &running.task {
-            Task::Settle { until_us } => *until_us,
+            Task::Settle { until_us, .. } => *until_us,
             Task::Expose => self.shutter.next_us(),
-            Task::Move { .. } | Task::Home(_) | Task::Stop => {
+            Task::Move { .. } | Task::Turn { .. } | Task::Home(_) | Task::Stop => {
                 self.axes.iter().map(AxisDrive::next_us).min().unwrap_or(u64::MAX)
             }
         }
+    }
+
+    /// Which axes are under way.
+    pub fn moving(&self) -> [bool; AXES] {
+        array::from_fn(|axis| self.axes[axis].moving())
     }
 
     /// Does all that is due at `now_us`, which never goes back.
@@ -110,7 +119,7 @@ impl<B: Board> Controller<B> {
             match packet {
                 ToController::Hello(hello) => {
                     if self.link.greet(hello) {
-                        self.abandon();
+                        self.abandon(now_us);
                     }
                 }
                 ToController::Request(request) => self.take(now_us, &request),
@@ -123,9 +132,9 @@ impl<B: Board> Controller<B> {
     }
 
     /// Ends what a host began that is no longer there.
-    fn abandon(&mut self) {
+    fn abandon(&mut self, now_us: u64) {
         if self.running.is_some() {
-            let _ = self.stop();
+            let _ = self.stop(now_us);
             if let Some(running) = &mut self.running {
                 running.request = None;
             }
@@ -157,7 +166,7 @@ impl<B: Board> Controller<B> {
         match request.command {
             Command::Status => return Ok(Some(Answer::Status(self.status(now_us)?))),
             Command::Stop => {
-                self.stop()?;
+                self.stop(now_us)?;
                 return Ok(Some(Answer::Nothing));
             }
             Command::Lamp { on, level } => {
@@ -171,9 +180,13 @@ impl<B: Board> Controller<B> {
                 self.safety.clear()?;
                 return Ok(Some(Answer::Nothing));
             }
-            Command::Configure(_) | Command::Home | Command::MoveTo(_) | Command::Expose { .. } => {}
+            Command::Configure(_)
+            | Command::Home
+            | Command::MoveTo(_)
+            | Command::Retarget(_)
+            | Command::Expose { .. } => {}
         }
-        if self.running.is_some() {
+        if self.running.is_some() && !matches!(request.command, Command::Retarget(_)) {
             return Err(Refusal::Busy.into());
         }
         if let Command::Configure(configuration) = request.command {
@@ -184,6 +197,7 @@ impl<B: Board> Controller<B> {
         self.safety.check()?;
         let task = match request.command {
             Command::MoveTo(targets) => self.begin_move(now_us, &configuration, targets)?,
+            Command::Retarget(targets) => self.retarget(now_us, &configuration, targets)?,
             Command::Expose { duration_us, warm_lamp } => {
                 self.begin_exposure(now_us, duration_us, warm_lamp)?
             }
@@ -202,42 +216,6 @@ impl<B: Board> Controller<B> {
         Ok(())
     }
 
-    fn begin_homing(&mut self, now_us: u64, configuration: &Configuration) -> Result<Task, Trouble> {
-        let mut searches = [const { None }; AXES];
-        for ((search, axis), parameters) in searches.iter_mut().zip(&mut self.axes).zip(&configuration.axes) {
-            *search = Some(Homing::start(now_us, axis, parameters)?);
-        }
-        Ok(Task::Home(searches))
-    }
-
-    fn check_positions(&self) -> Result<(), Refusal> {
-        match Axis::ALL.into_iter().find(|axis| !self.axes[axis.index()].known) {
-            Some(axis) => Err(Refusal::PositionUnknown(axis)),
-            None => Ok(()),
-        }
-    }
-
-    fn begin_move(
-        &mut self,
-        now_us: u64,
-        configuration: &Configuration,
-        targets: [i32; AXES],
-    ) -> Result<Task, Trouble> {
-        self.check_positions()?;
-        for (axis, (target, p)) in Axis::ALL.into_iter().zip(targets.iter().zip(&configuration.axes)) {
-            if !(p.min_steps..=p.max_steps).contains(target) {
-                return Err(Refusal::OutOfLimits(axis).into());
-            }
-        }
-        let mut settle_ms = 0;
-        for ((axis, target), parameters) in self.axes.iter_mut().zip(targets).zip(&configuration.axes) {
-            if axis.move_to(now_us, target, parameters)? {
-                settle_ms = parameters.settle_ms.max(settle_ms);
-            }
-        }
-        Ok(Task::Move { settle_ms })
-    }
-
     fn begin_exposure(&mut self, now_us: u64, duration_us: u32, warm_lamp: bool) -> Result<Task, Trouble> {
         if !OPEN_US.contains(&duration_us) {
             return Err(Refusal::BadParameter { axis: None, field: Field::Duration }.into());
@@ -252,8 +230,8 @@ impl<B: Board> Controller<B> {
     }
 
     /// Brings all axes to rest by their ramps and closes the shutter.
-    fn stop(&mut self) -> Result<(), PinFailure> {
-        self.axes.iter_mut().for_each(AxisDrive::stop);
+    fn stop(&mut self, now_us: u64) -> Result<(), PinFailure> {
+        self.axes.iter_mut().for_each(|axis| axis.stop(now_us));
         if let Some(running) = &mut self.running {
             running.task = Task::Stop;
         }
@@ -272,7 +250,7 @@ impl<B: Board> Controller<B> {
         Ok(Status {
             positions: self.positions(),
             known: array::from_fn(|axis| self.axes[axis].known),
-            moving: array::from_fn(|axis| self.axes[axis].moving()),
+            moving: self.moving(),
             at_switch,
             configured: self.configuration.is_some(),
             busy: self.running.is_some(),
@@ -312,11 +290,11 @@ impl<B: Board> Controller<B> {
                     self.shutter.poll(now_us, &mut self.photodiode).map_err(|_| (Fault::Hardware, None))?;
                 return Ok(exposure.map(|exposure| Outcome::Done(Answer::Exposed(exposure))));
             }
-            Task::Settle { until_us } => {
+            Task::Settle { until_us, .. } => {
                 let at = Outcome::Done(Answer::At(self.positions()));
                 return Ok((now_us >= *until_us).then_some(at));
             }
-            Task::Move { .. } | Task::Home(_) | Task::Stop => {}
+            Task::Move { .. } | Task::Turn { .. } | Task::Home(_) | Task::Stop => {}
         }
         let mut resting = true;
         for axis in Axis::ALL {
@@ -327,13 +305,19 @@ impl<B: Board> Controller<B> {
             return Ok(None);
         }
         Ok(match task {
+            Task::Turn { targets } => {
+                let (Some(configuration), targets) = (self.configuration, *targets) else { return Ok(None) };
+                *task =
+                    self.start_move(now_us, &configuration, targets).map_err(|_| (Fault::Hardware, None))?;
+                None
+            }
             Task::Stop => Some(Outcome::Refused(Refusal::Stopped)),
             Task::Move { settle_ms } => {
-                *task = Task::Settle { until_us: now_us + u64::from(*settle_ms) * 1000 };
+                *task = Task::Settle { until_us: now_us + u64::from(*settle_ms) * 1000, moved: true };
                 None
             }
             _ => {
-                *task = Task::Settle { until_us: now_us + self.longest_settling_us() };
+                *task = Task::Settle { until_us: now_us + self.longest_settling_us(), moved: false };
                 None
             }
         })
@@ -342,33 +326,6 @@ impl<B: Board> Controller<B> {
     fn longest_settling_us(&self) -> u64 {
         let axes = self.configuration.iter().flat_map(|configuration| &configuration.axes);
         axes.map(|p| u64::from(p.settle_ms) * 1000).max().unwrap_or(0)
-    }
-
-    /// Makes the axis's step if one is due, and minds its switch.
-    fn advance_axis(&mut self, now_us: u64, axis: Axis, task: &mut Task) -> Result<(), Fault> {
-        let drive = &mut self.axes[axis.index()];
-        let stepped = drive.poll(now_us).map_err(|_| Fault::Hardware)?;
-        let Some(parameters) = self.configuration.as_ref().map(|all| &all.axes[axis.index()]) else {
-            return Ok(());
-        };
-        if let Task::Home(searches) = task {
-            let Some(search) = &mut searches[axis.index()] else { return Ok(()) };
-            if stepped {
-                search.stepped(drive, parameters).map_err(|_| Fault::Hardware)?;
-            } else if !drive.moving() {
-                match search.rested(now_us, drive, parameters).map_err(|_| Fault::Hardware)? {
-                    Progress::Seeking | Progress::Homed => {}
-                    Progress::Failed => return Err(Fault::HomingFailed),
-                }
-            }
-            return Ok(());
-        }
-        // A stop while homing may come to rest on the switch; positions are unknown then anyway.
-        let toward_switch = drive.forward() == (parameters.home_direction == HomeDirection::Positive);
-        if stepped && toward_switch && drive.known && drive.at_switch().map_err(|_| Fault::Hardware)? {
-            return Err(Fault::LimitHit);
-        }
-        Ok(())
     }
 
     /// Ceases everything at once and remembers why. The lamp goes out only with the emergency stop: it takes long to warm.

@@ -5,8 +5,8 @@ mod bench;
 
 use bench::{Rig, SESSION, SWITCH_AT, configuration};
 use lobelia_protocol::{
-    Answer, Axis, Command, Event, Fault, Field, Hello, HomeDirection, Outcome, Refusal, Request,
-    ToController, ToHost, Verdict,
+    Answer, Axis, AxisParameters, Command, Configuration, Event, Fault, Field, Hello, HomeDirection, Outcome,
+    Refusal, Request, ToController, ToHost, Verdict,
 };
 use proptest::prelude::*;
 
@@ -225,6 +225,88 @@ fn same_configuration_again_keeps_positions_and_another_forgets_them() {
     assert_eq!(refusal(rig.ask(Command::MoveTo([0; 4]))), Refusal::PositionUnknown(Axis::Pan));
 }
 
+#[test]
+fn coordinated_axes_arrive_at_once_and_others_each_as_soon_as_they_can() {
+    for coordinated in [true, false] {
+        let mut rig = Rig::greeted(Configuration { coordinated, ..configuration() });
+        rig.ask(Command::Home);
+        rig.ask(Command::MoveTo([0; 4]));
+        rig.bench.borrow_mut().steps = Default::default();
+        // Tilt and roll end downward and so take up their play.
+        let id = rig.begin(Command::MoveTo([900, -700, -40, 4000]));
+        let mut rested_us = [0; 4];
+        loop {
+            let before = rig.moving();
+            assert!(rig.pass_event());
+            for (axis, moving) in rig.moving().into_iter().enumerate() {
+                if before[axis] && !moving {
+                    rested_us[axis] = rig.bench.borrow().now_us;
+                }
+            }
+            if rig.moving() == [false; 4] {
+                break;
+            }
+        }
+        let apart = rested_us.iter().max().unwrap() - rested_us.iter().min().unwrap();
+        assert_eq!(apart <= 2, coordinated, "{rested_us:?}");
+        assert_eq!(rig.outcome(id), Outcome::Done(Answer::At([900, -700, -40, 4000])));
+    }
+}
+
+#[test]
+fn full_turn_axis_goes_the_shorter_way_through_zero_and_keeps_its_names() {
+    let mut round = configuration();
+    let roll = &mut round.axes[2];
+    (roll.full_turn_steps, roll.min_steps, roll.max_steps) = (2000, -1000, 999);
+    let mut rig = Rig::greeted(round);
+    rig.ask(Command::Home);
+    for (target, way) in
+        [(0, None), (900, Some(900)), (-900, Some(200)), (950, Some(-150)), (-1000, Some(50))]
+    {
+        let before = rig.bench.borrow().motors[2];
+        let targets = [0, 0, target, 0];
+        assert_eq!(rig.ask(Command::MoveTo(targets)), Outcome::Done(Answer::At(targets)));
+        let went = rig.bench.borrow().motors[2] - before;
+        assert!(way.is_none_or(|way| way == went), "{went} steps to {target}");
+    }
+    round.axes[2].full_turn_steps = 1998;
+    let field = Refusal::BadParameter { axis: Some(Axis::Roll), field: Field::FullTurn };
+    assert_eq!(refusal(rig.ask(Command::Configure(round))), field);
+}
+
+#[test]
+fn retargeted_move_is_answered_as_stopped_and_ends_on_the_new_target() {
+    for coordinated in [true, false] {
+        for (events, targets) in [(40, [3000, 100, -600, 4000]), (2500, [-800, 2000, 500, 1500])] {
+            let mut rig = Rig::greeted(Configuration { coordinated, ..configuration() });
+            rig.ask(Command::Home);
+            rig.ask(Command::MoveTo([0; 4]));
+            let first = rig.begin(Command::MoveTo([2000; 4]));
+            for _ in 0..events {
+                rig.pass_event();
+            }
+            rig.bench.borrow_mut().steps = Default::default();
+            let second = rig.begin(Command::Retarget(targets));
+            assert_eq!(refusal(rig.outcome(first)), Refusal::Stopped);
+            assert_eq!(rig.outcome(second), Outcome::Done(Answer::At(targets)));
+            assert_eq!(rig.bench.borrow().motors, targets.map(motor_position));
+            for (steps, p) in rig.bench.borrow().steps.iter().zip(&configuration().axes) {
+                check_limits(steps, p).unwrap();
+                assert!(steps.iter().rev().take(40).all(|&(_, up)| up), "the play isn't taken up");
+            }
+        }
+    }
+}
+
+#[test]
+fn retarget_beyond_the_limits_changes_nothing() {
+    let mut rig = Rig::homed();
+    let id = rig.begin(Command::MoveTo([500; 4]));
+    rig.pass_event();
+    assert_eq!(refusal(rig.ask(Command::Retarget([0, 5001, 0, 0]))), Refusal::OutOfLimits(Axis::Tilt));
+    assert_eq!(rig.outcome(id), Outcome::Done(Answer::At([500; 4])));
+}
+
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(24))]
 
@@ -241,25 +323,36 @@ proptest! {
                 prop_assert_eq!(bench.motors[axis], motor_position(target[axis]));
                 let steps = &bench.steps[axis];
                 prop_assert!(steps.iter().rev().take(40).all(|&(_, up)| up), "the play isn't taken up");
-                check_limits(steps, parameters.max_speed, parameters.acceleration)?;
+                check_limits(steps, parameters)?;
             }
             prop_assert!(!bench.pulse_too_short);
         }
     }
 }
 
-/// Speeds and their changes at the emitted step times, which are whole µs; runs in one direction are told apart.
-fn check_limits(steps: &[(u64, bool)], max_speed: u32, acceleration: u32) -> Result<(), TestCaseError> {
+/// Speed, acceleration and jerk at the emitted step times, which are whole µs; runs in one direction are told apart. The n-th
+/// divided difference times n! is a mean of the n-th derivative; steps 40 apart leave little of the rounding.
+fn check_limits(steps: &[(u64, bool)], p: &AxisParameters) -> Result<(), TestCaseError> {
     for run in steps.chunk_by(|a, b| a.1 == b.1) {
         for pair in run.windows(2) {
             let least_interval = (pair[1].0 - pair[0].0 + 1) as f64 * 1e-6;
-            prop_assert!(1.0 / least_interval <= f64::from(max_speed) * 1.0001);
+            prop_assert!(1.0 / least_interval <= f64::from(p.max_speed) * 1.0001);
         }
-        for three in run.windows(3) {
-            let (a, b) = (three[1].0 - three[0].0, three[2].0 - three[1].0);
-            let change = 1e6 / (a.min(b) + 1) as f64 - 1e6 / (a.max(b) - 1) as f64;
-            let over = (a + b + 2) as f64 * 0.5e-6;
-            prop_assert!(change / over <= f64::from(acceleration) * 1.01, "{:?}", three);
+        // A turn between two runs upward takes at least this long; a derivative means nothing across it.
+        for four in run.windows(121).step_by(7) {
+            let at = [0, 40, 80, 120].map(|k| four[k].0 as f64 * 1e-6);
+            let first = [0, 1, 2].map(|k| 40.0 / (at[k + 1] - at[k]));
+            let second = [0, 1].map(|k| (first[k + 1] - first[k]) / (at[k + 2] - at[k]) * 2.0);
+            let third = (second[1] - second[0]) / (at[3] - at[0]) * 3.0;
+            // ±1 µs on each time, at the highest speed.
+            let blur = 4e-6 * f64::from(p.max_speed) / (at[3] - at[0]).powi(2) * 9.0;
+            prop_assert!(
+                second.iter().all(|a| a.abs() <= f64::from(p.acceleration) * 1.001 + 2.0 * blur),
+                "{:?}",
+                at
+            );
+            let blur = 8e-6 * f64::from(p.max_speed) / (at[3] - at[0]).powi(3) * 162.0;
+            prop_assert!(third.abs() <= f64::from(p.jerk) * 1.001 + blur, "jerk {} at {:?}", third, at);
         }
     }
     Ok(())

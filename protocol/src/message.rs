@@ -60,6 +60,11 @@ pub struct AxisParameters {
     pub max_speed: u32,
     /// Acceleration and deceleration, steps/s².
     pub acceleration: u32,
+    /// Highest change of acceleration, steps/s³.
+    pub jerk: u32,
+    /// Steps of a full turn, on an axis that can turn round and round: a move then goes the shorter way, and the limits
+    /// hold for the position within the turn. 0 on any other axis.
+    pub full_turn_steps: u32,
     /// Length of the approach in the positive direction that ends each move, in steps; more than the backlash.
     pub take_up_steps: u32,
     /// Rest after a move before it counts as done, in ms.
@@ -85,6 +90,9 @@ pub struct Configuration {
     pub axes: [AxisParameters; AXES],
     /// How long the lamp has to burn until it is warm, in s.
     pub lamp_warm_up_s: u16,
+    /// Whether the axes of a move arrive all at once, each slowed down to the slowest one's time; or else each as soon as it
+    /// can.
+    pub coordinated: bool,
 }
 
 /// What the host asks for.
@@ -116,6 +124,9 @@ pub enum Command {
     Status,
     /// Forgets the faults; positions stay unknown until the next homing.
     ClearFaults,
+    /// Like [`Self::MoveTo`], but also while a move is being run, which is then answered as stopped: axes whose new target lies ahead
+    /// go on to it, the others brake and turn.
+    Retarget([i32; AXES]),
 }
 
 /// A command with the id by which a repetition is known.
@@ -219,7 +230,7 @@ pub enum Field {
     Limits,
     /// `max_speed`.
     MaxSpeed,
-    /// `acceleration`.
+    /// `acceleration`: too high, or so low that reaching the highest speed takes over 1000 s.
     Acceleration,
     /// `take_up_steps`.
     TakeUp,
@@ -231,6 +242,10 @@ pub enum Field {
     HomeTravel,
     /// An exposure's `duration_us`.
     Duration,
+    /// `jerk`.
+    Jerk,
+    /// `full_turn_steps`: less than the limits span, or not above twice the take-up.
+    FullTurn,
 }
 
 /// How things stand.

@@ -27,6 +27,8 @@ fn axis_parameters(base: i32) -> AxisParameters {
         max_steps: base + 100_000,
         max_speed: 4000,
         acceleration: 8000,
+        jerk: 90_000,
+        full_turn_steps: 27_907,
         take_up_steps: 40,
         settle_ms: 250,
         home_direction: HomeDirection::Negative,
@@ -44,6 +46,7 @@ fn commands() -> Vec<Command> {
         Command::Configure(Configuration {
             axes: [0, 1, -2, i32::MAX - 100_000].map(axis_parameters),
             lamp_warm_up_s: 900,
+            coordinated: true,
         }),
         Command::Home,
         Command::MoveTo([0, -1, i32::MIN, i32::MAX]),
@@ -52,6 +55,7 @@ fn commands() -> Vec<Command> {
         Command::Expose { duration_us: 500_000, warm_lamp: true },
         Command::Status,
         Command::ClearFaults,
+        Command::Retarget([1, -1, i32::MIN, i32::MAX]),
     ]
 }
 
@@ -144,7 +148,7 @@ fn bytes_of_messages_change_only_together_with_the_schema_identity() {
     let pinned = (schema::VERSION, schema::IDENTITY, schema::identity(0, &bytes));
     assert_eq!(
         pinned,
-        (1, 3_404_114_671_422_844_944, 18_354_973_260_433_548_386),
+        (2, 7_696_467_909_707_006_895, 14_883_004_090_241_698_424),
         "raise schema::VERSION, describe the change in schema::TEXT, then pin"
     );
 }

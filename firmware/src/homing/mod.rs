@@ -60,6 +60,7 @@ impl Homing {
     /// After each step: looks at the switch.
     pub(crate) fn stepped<B: Board>(
         &mut self,
+        now_us: u64,
         axis: &mut AxisDrive<B>,
         p: &AxisParameters,
     ) -> Result<(), PinFailure> {
@@ -69,7 +70,7 @@ impl Homing {
         let awaited = matches!(self.phase, Phase::Seek | Phase::SlowSeek);
         if axis.at_switch()? == awaited {
             self.edge = Some(axis.position());
-            axis.shorten(if self.phase == Phase::BackOff { p.home_back_off } else { 0 });
+            axis.shorten(now_us, if self.phase == Phase::BackOff { p.home_back_off } else { 0 });
         }
         Ok(())
     }
@@ -120,6 +121,6 @@ impl Homing {
         } else {
             position.saturating_sub_unsigned(p.home_travel)
         };
-        axis.run(now_us, target, speed, p.acceleration)
+        axis.run(now_us, target, speed, p)
     }
 }

@@ -259,6 +259,11 @@ impl Rig {
         packets
     }
 
+    /// Which axes move, by asking the controller without a packet.
+    pub(crate) fn moving(&self) -> [bool; 4] {
+        self.controller.moving()
+    }
+
     /// Steps made by all axes.
     pub(crate) fn step_count(&self) -> usize {
         self.bench.borrow().steps.iter().map(Vec::len).sum()
@@ -272,6 +277,8 @@ pub(crate) fn configuration() -> Configuration {
         max_steps: 5000,
         max_speed,
         acceleration,
+        jerk: 20 * acceleration,
+        full_turn_steps: 0,
         take_up_steps: 40,
         settle_ms: 20,
         home_direction: HomeDirection::Negative,
@@ -284,5 +291,6 @@ pub(crate) fn configuration() -> Configuration {
     Configuration {
         axes: [axis(2000, 4000), axis(1000, 20_000), axis(300, 100), axis(20_000, 50_000)],
         lamp_warm_up_s: 10,
+        coordinated: true,
     }
 }

@@ -82,6 +82,8 @@ fn name(field: Field) -> &'static str {
         Field::HomeSpeed => "the homing speeds",
         Field::HomeTravel => "the homing travel or back-off",
         Field::Duration => "the exposure's duration",
+        Field::Jerk => "the jerk",
+        Field::FullTurn => "the full turn",
     }
 }
 
@@ -89,7 +91,11 @@ fn range(field: Field) -> &'static str {
     match field {
         Field::Limits => "the lower has to be below the upper, both within ±2^29 steps",
         Field::MaxSpeed => "it has to be 1 to 200000 steps/s",
-        Field::Acceleration => "it has to be 1 to 10000000 steps/s²",
+        Field::Acceleration => {
+            "it has to be 1 to 10000000 steps/s², and reach the highest speed within 1000 s"
+        }
+        Field::Jerk => "it has to be 1 to 1000000000 steps/s³",
+        Field::FullTurn => "a turn has to hold the limits and be over twice the take-up, in whole steps",
         Field::TakeUp => "it has to be at most 2^20 steps",
         Field::HomePosition => {
             "it has to lie beyond the limits on the switch's side, by more than the take-up below"
