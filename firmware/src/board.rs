@@ -66,6 +66,18 @@ pub struct Peripherals<B: Board> {
     pub link: B::Link,
 }
 
+/// What a board may have besides.
+pub struct Options<B: Board> {
+    /// Of each axis: high while its driver sees a stall.
+    pub stall: [Option<B::Input>; AXES],
+}
+
+impl<B: Board> Default for Options<B> {
+    fn default() -> Self {
+        Self { stall: [const { None }; AXES] }
+    }
+}
+
 /// A pin that could not be driven or read.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) struct PinFailure;

@@ -9,8 +9,8 @@ use lobelia_protocol::{
     Refusal, Request, Response, Status, ToController, ToHost,
 };
 
-use crate::board::{Board, Peripherals, PinFailure};
-use crate::homing::Homing;
+use crate::board::{Board, Options, Peripherals, PinFailure};
+use crate::homing::{Homing, Purpose};
 use crate::lamp::Lamp;
 use crate::link::{Admission, Link};
 use crate::motion::axis::AxisDrive;
@@ -26,9 +26,9 @@ enum Task {
     /// Axes brake, or go on to new targets; then all move to them.
     Turn { targets: [i32; AXES] },
     /// Axes search for their switches.
-    Home([Option<Homing>; AXES]),
-    /// Axes have come to rest, after a move or else after homing, and settle.
-    Settle { until_us: u64, moved: bool },
+    Home(Purpose, [Option<Homing>; AXES]),
+    /// Axes have come to rest, after a move or else after a search that found something, and settle.
+    Settle { until_us: u64, found: Option<Answer> },
     /// The shutter is open.
     Expose,
     /// Axes come to rest because of a stop.
@@ -63,6 +63,7 @@ impl From<PinFailure> for Trouble {
 /// The controller of a rig.
 pub struct Controller<B: Board> {
     axes: [AxisDrive<B>; AXES],
+    options: Options<B>,
     lamp: Lamp<B::Output, B::LampLevel>,
     shutter: Shutter<B::Output>,
     photodiode: B::Photodiode,
@@ -75,9 +76,15 @@ pub struct Controller<B: Board> {
 impl<B: Board> Controller<B> {
     /// A controller just switched on: nothing moves, the lamp is off, positions are unknown.
     pub fn new(peripherals: Peripherals<B>) -> Self {
+        Self::with_options(peripherals, Options::default())
+    }
+
+    /// The same, on a board that has more than it needs.
+    pub fn with_options(peripherals: Peripherals<B>, options: Options<B>) -> Self {
         let Peripherals { axes, shutter, lamp, lamp_level, photodiode, emergency_stop, link } = peripherals;
         Self {
             axes: axes.map(AxisDrive::new),
+            options,
             lamp: Lamp::new(lamp, lamp_level),
             shutter: Shutter::new(shutter),
             photodiode,
@@ -97,7 +104,7 @@ impl<B: Board> Controller<B> {
         match &running.task {
             Task::Settle { until_us, .. } => *until_us,
             Task::Expose => self.shutter.next_us(),
-            Task::Move { .. } | Task::Turn { .. } | Task::Home(_) | Task::Stop => {
+            Task::Move { .. } | Task::Turn { .. } | Task::Home(..) | Task::Stop => {
                 self.axes.iter().map(AxisDrive::next_us).min().unwrap_or(u64::MAX)
             }
         }
@@ -182,6 +189,8 @@ impl<B: Board> Controller<B> {
             }
             Command::Configure(_)
             | Command::Home
+            | Command::HomeRepeatedly { .. }
+            | Command::CheckIndex
             | Command::MoveTo(_)
             | Command::Retarget(_)
             | Command::Expose { .. } => {}
@@ -201,7 +210,14 @@ impl<B: Board> Controller<B> {
             Command::Expose { duration_us, warm_lamp } => {
                 self.begin_exposure(now_us, duration_us, warm_lamp)?
             }
-            _ => self.begin_homing(now_us, &configuration)?,
+            Command::CheckIndex => {
+                self.check_positions()?;
+                self.begin_homing(now_us, &configuration, Purpose::Check)?
+            }
+            Command::HomeRepeatedly { approaches } => {
+                self.begin_homing(now_us, &configuration, Purpose::Home { approaches })?
+            }
+            _ => self.begin_homing(now_us, &configuration, Purpose::Home { approaches: 1 })?,
         };
         self.running = Some(Running { task, request: Some(request.id) });
         Ok(None)
@@ -290,11 +306,13 @@ impl<B: Board> Controller<B> {
                     self.shutter.poll(now_us, &mut self.photodiode).map_err(|_| (Fault::Hardware, None))?;
                 return Ok(exposure.map(|exposure| Outcome::Done(Answer::Exposed(exposure))));
             }
-            Task::Settle { until_us, .. } => {
-                let at = Outcome::Done(Answer::At(self.positions()));
-                return Ok((now_us >= *until_us).then_some(at));
+            Task::Settle { until_us, found } => {
+                if now_us < *until_us {
+                    return Ok(None);
+                }
+                return self.settled(now_us, *found).map(Some);
             }
-            Task::Move { .. } | Task::Turn { .. } | Task::Home(_) | Task::Stop => {}
+            Task::Move { .. } | Task::Turn { .. } | Task::Home(..) | Task::Stop => {}
         }
         let mut resting = true;
         for axis in Axis::ALL {
@@ -313,13 +331,15 @@ impl<B: Board> Controller<B> {
             }
             Task::Stop => Some(Outcome::Refused(Refusal::Stopped)),
             Task::Move { settle_ms } => {
-                *task = Task::Settle { until_us: now_us + u64::from(*settle_ms) * 1000, moved: true };
+                *task = Task::Settle { until_us: now_us + u64::from(*settle_ms) * 1000, found: None };
                 None
             }
-            _ => {
-                *task = Task::Settle { until_us: now_us + self.longest_settling_us(), moved: false };
+            Task::Home(purpose, searches) => {
+                let found = Some(self.found(*purpose, searches));
+                *task = Task::Settle { until_us: now_us + self.longest_settling_us(), found };
                 None
             }
+            Task::Settle { .. } | Task::Expose => None,
         })
     }
 

@@ -8,6 +8,7 @@
 
 pub mod board;
 mod controller;
+pub mod driver;
 mod homing;
 mod lamp;
 mod link;
@@ -15,5 +16,5 @@ mod motion;
 mod safety;
 mod shutter;
 
-pub use board::{AnalogInput, AxisPins, Board, ByteLink, Peripherals};
+pub use board::{AnalogInput, AxisPins, Board, ByteLink, Options, Peripherals};
 pub use controller::Controller;

@@ -157,6 +157,82 @@ fn switch_that_closes_during_a_move_is_a_fault() {
 }
 
 #[test]
+fn repeated_homing_reports_the_spread_of_the_switch_and_bouncing_adds_none() {
+    for bouncy in [false, true] {
+        let mut rig = Rig::greeted(configuration());
+        rig.bench.borrow_mut().bouncy = bouncy;
+        let outcome = rig.ask(Command::HomeRepeatedly { approaches: 6 });
+        let Outcome::Done(Answer::Homed(report)) = outcome else { panic!("{outcome:?}") };
+        // A bounce can hide the edge from the very step that passes it.
+        assert!(report.spread_steps.iter().all(|&spread| spread <= u32::from(bouncy)), "{report:?}");
+        for (position, motor) in report.positions.iter().zip(rig.bench.borrow().motors) {
+            assert!((motor_position(*position) - motor).abs() <= i64::from(bouncy));
+        }
+        assert_eq!(report.approaches, 6);
+    }
+    let field = Refusal::BadParameter { axis: None, field: Field::Approaches };
+    assert_eq!(refusal(Rig::greeted(configuration()).ask(Command::HomeRepeatedly { approaches: 0 })), field);
+}
+
+#[test]
+fn spread_is_what_the_switch_moved_between_approaches() {
+    let mut rig = Rig::greeted(configuration());
+    let id = rig.begin(Command::HomeRepeatedly { approaches: 4 });
+    let shifts = [0, 3, -2, 1];
+    let (mut backed_off, mut away) = (0, false);
+    let outcome = loop {
+        rig.pass_event();
+        let far = rig.bench.borrow().motors[2] > SWITCH_AT + 30;
+        if far && !away && backed_off < shifts.len() {
+            rig.bench.borrow_mut().switch_shift[2] = shifts[backed_off];
+            backed_off += usize::from(rig.bench.borrow().steps[2].len() > 600);
+        }
+        away = far;
+        if let Some(outcome) = rig.answered(id) {
+            break outcome;
+        }
+    };
+    let Outcome::Done(Answer::Homed(report)) = outcome else { panic!("{outcome:?}") };
+    assert_eq!((report.spread_steps, backed_off), ([0, 0, 5, 0], 4));
+}
+
+#[test]
+fn check_keeps_positions_and_finds_lost_steps() {
+    let mut rig = Rig::homed();
+    rig.ask(Command::MoveTo([500; 4]));
+    assert_eq!(rig.ask(Command::CheckIndex), Outcome::Done(Answer::Checked([0; 4])));
+    rig.ask(Command::MoveTo([0; 4]));
+    assert_eq!(rig.bench.borrow().motors, [motor_position(0); 4]);
+    // Within the tolerance it is told and borne.
+    rig.bench.borrow_mut().motors[3] -= 2;
+    assert_eq!(rig.ask(Command::CheckIndex), Outcome::Done(Answer::Checked([0, 0, 0, 2])));
+    assert_eq!(rig.ask(Command::MoveTo([100; 4])), Outcome::Done(Answer::At([100; 4])));
+    rig.bench.borrow_mut().motors[1] += 9;
+    assert_eq!(rig.ask(Command::CheckIndex), Outcome::Done(Answer::Checked([0, -9, 0, 2])));
+    assert!(
+        matches!(refusal(rig.ask(Command::MoveTo([0; 4]))), Refusal::Faulted(faults) if faults.contains(Fault::StepsLost))
+    );
+    rig.ask(Command::ClearFaults);
+    assert_eq!(refusal(rig.ask(Command::MoveTo([0; 4]))), Refusal::PositionUnknown(Axis::Pan));
+    assert_eq!(refusal(rig.ask(Command::CheckIndex)), Refusal::PositionUnknown(Axis::Pan));
+}
+
+#[test]
+fn stall_ceases_all_steps_and_positions_are_unknown() {
+    let mut rig = Rig::homed();
+    let id = rig.begin(Command::MoveTo([2000; 4]));
+    for _ in 0..300 {
+        rig.pass_event();
+    }
+    rig.bench.borrow_mut().stalled[3] = true;
+    assert!(matches!(refusal(rig.outcome(id)), Refusal::Faulted(faults) if faults.contains(Fault::Stall)));
+    assert!(!rig.pass_event());
+    rig.bench.borrow_mut().stalled[3] = false;
+    rig.ask(Command::ClearFaults);
+    assert_eq!(refusal(rig.ask(Command::MoveTo([0; 4]))), Refusal::PositionUnknown(Axis::Pan));
+}
+
+#[test]
 fn homing_without_a_switch_fails_within_the_travel() {
     let mut rig = Rig::greeted(configuration());
     rig.bench.borrow_mut().motors[2] = 1_000_000;

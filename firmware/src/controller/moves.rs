@@ -3,24 +3,68 @@
 
 use core::array;
 
-use lobelia_protocol::{AXES, Axis, Configuration, Fault, HomeDirection, Outcome, Refusal};
+use lobelia_protocol::{
+    AXES, Answer, Axis, Configuration, Fault, Field, HomeDirection, HomingReport, Outcome, Refusal,
+};
 
 use super::{Controller, Running, Task, Trouble};
-use crate::board::{Board, PinFailure};
-use crate::homing::{Homing, Progress};
+use crate::board::{Board, PinFailure, is_high};
+use crate::homing::{Homing, Progress, Purpose};
 use crate::motion::axis::Plan;
+
+/// How often a homing may approach its switch.
+const APPROACHES: core::ops::RangeInclusive<u8> = 1..=100;
 
 impl<B: Board> Controller<B> {
     pub(super) fn begin_homing(
         &mut self,
         now_us: u64,
         configuration: &Configuration,
+        purpose: Purpose,
     ) -> Result<Task, Trouble> {
+        if let Purpose::Home { approaches } = purpose
+            && !APPROACHES.contains(&approaches)
+        {
+            return Err(Refusal::BadParameter { axis: None, field: Field::Approaches }.into());
+        }
         let mut searches = [const { None }; AXES];
         for ((search, axis), parameters) in searches.iter_mut().zip(&mut self.axes).zip(&configuration.axes) {
-            *search = Some(Homing::start(now_us, axis, parameters)?);
+            *search = Some(Homing::start(now_us, purpose, axis, parameters)?);
         }
-        Ok(Task::Home(searches))
+        Ok(Task::Home(purpose, searches))
+    }
+
+    /// The answer to a search that has ended.
+    pub(super) fn found(&self, purpose: Purpose, searches: &[Option<Homing>; AXES]) -> Answer {
+        let of = |get: fn(&Homing) -> i32| searches.each_ref().map(|search| search.as_ref().map_or(0, get));
+        match purpose {
+            Purpose::Home { approaches: 1 } => Answer::At(self.positions()),
+            Purpose::Home { approaches } => Answer::Homed(HomingReport {
+                positions: self.positions(),
+                spread_steps: of(|search| search.spread() as i32).map(i32::unsigned_abs),
+                approaches,
+            }),
+            Purpose::Check => Answer::Checked(of(Homing::lost)),
+        }
+    }
+
+    /// At rest, settled: the answer; or the fault that a check has shown, told after the answer.
+    pub(super) fn settled(
+        &mut self,
+        now_us: u64,
+        found: Option<Answer>,
+    ) -> Result<Outcome, (Fault, Option<Axis>)> {
+        let answer = found.unwrap_or(Answer::At(self.positions()));
+        let (Answer::Checked(lost), Some(configuration)) = (answer, &self.configuration) else {
+            return Ok(Outcome::Done(answer));
+        };
+        let off = |axis: &Axis| {
+            lost[axis.index()].unsigned_abs() > configuration.axes[axis.index()].index_tolerance.into()
+        };
+        if let Some(axis) = Axis::ALL.into_iter().find(off) {
+            self.raise(now_us, Fault::StepsLost, Some(axis));
+        }
+        Ok(Outcome::Done(answer))
     }
 
     pub(super) fn check_positions(&self) -> Result<(), Refusal> {
@@ -70,7 +114,7 @@ impl<B: Board> Controller<B> {
         targets: [i32; AXES],
     ) -> Result<Task, Trouble> {
         let task = self.running.as_ref().map(|running| &running.task);
-        let Some(Task::Move { .. } | Task::Turn { .. } | Task::Settle { moved: true, .. }) = task else {
+        let Some(Task::Move { .. } | Task::Turn { .. } | Task::Settle { found: None, .. }) = task else {
             return if task.is_some() {
                 Err(Refusal::Busy.into())
             } else {
@@ -95,16 +139,22 @@ impl<B: Board> Controller<B> {
     pub(super) fn advance_axis(&mut self, now_us: u64, axis: Axis, task: &mut Task) -> Result<(), Fault> {
         let drive = &mut self.axes[axis.index()];
         let stepped = drive.poll(now_us).map_err(|_| Fault::Hardware)?;
+        if stepped
+            && let Some(stall) = &mut self.options.stall[axis.index()]
+            && is_high(stall).map_err(|_| Fault::Hardware)?
+        {
+            return Err(Fault::Stall);
+        }
         let Some(parameters) = self.configuration.as_ref().map(|all| &all.axes[axis.index()]) else {
             return Ok(());
         };
-        if let Task::Home(searches) = task {
+        if let Task::Home(_, searches) = task {
             let Some(search) = &mut searches[axis.index()] else { return Ok(()) };
             if stepped {
                 search.stepped(now_us, drive, parameters).map_err(|_| Fault::Hardware)?;
             } else if !drive.moving() {
                 match search.rested(now_us, drive, parameters).map_err(|_| Fault::Hardware)? {
-                    Progress::Seeking | Progress::Homed => {}
+                    Progress::Seeking | Progress::Measured => {}
                     Progress::Failed => return Err(Fault::HomingFailed),
                 }
             }

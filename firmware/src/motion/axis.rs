@@ -55,6 +55,8 @@ pub(crate) struct AxisDrive<B: Board> {
     stepper: Stepper,
     /// The approach that follows the present run.
     approach: Option<(i32, Times)>,
+    /// Where to go on to, in the same direction, after braking short of it.
+    onward: Option<i32>,
     limits: Limits,
     /// What the present position is called once the move has ended: a turn more or less on a full-turn axis.
     renamed: Option<i32>,
@@ -74,6 +76,7 @@ impl<B: Board> AxisDrive<B> {
             pins,
             stepper: Stepper::default(),
             approach: None,
+            onward: None,
             limits: Limits::default(),
             renamed: None,
             taken_up: false,
@@ -180,7 +183,8 @@ impl<B: Board> AxisDrive<B> {
         Ok(())
     }
 
-    /// Ends the present run after `distance` more steps, or as soon as the ramp allows.
+    /// Ends the present run after `distance` more steps, or as soon as the ramp allows: with a halt on the way if it is still
+    /// speeding up.
     pub(crate) fn shorten(&mut self, now_us: u64, distance: u32) {
         let position = self.position();
         let target = if self.forward() {
@@ -190,12 +194,14 @@ impl<B: Board> AxisDrive<B> {
         };
         if !self.stepper.redirect(now_us, target) {
             self.stepper.brake(now_us);
+            self.onward = Some(target);
         }
     }
 
     /// Comes to rest by the ramp and forgets the rest of the move.
     pub(crate) fn stop(&mut self, now_us: u64) {
         self.approach = None;
+        self.onward = None;
         self.ends_taken_up = false;
         self.renamed = None;
         self.stepper.brake(now_us);
@@ -205,6 +211,7 @@ impl<B: Board> AxisDrive<B> {
     pub(crate) fn cut(&mut self) -> Result<(), PinFailure> {
         self.stepper.halt();
         self.approach = None;
+        self.onward = None;
         self.renamed = None;
         self.taken_up = false;
         self.ends_taken_up = false;
@@ -253,6 +260,13 @@ impl<B: Board> AxisDrive<B> {
     /// At the end of a run: begins the approach, or notes that the move is done.
     fn end_run(&mut self, now_us: u64) -> Result<(), PinFailure> {
         self.stepper.ended();
+        if let Some(target) = self.onward.take()
+            && target != self.position()
+            && (target > self.position()) == self.forward()
+        {
+            let times = Times::shortest(target.abs_diff(self.position()), self.limits);
+            return self.start(now_us, target, times);
+        }
         if let Some((target, times)) = self.approach.take() {
             return self.start(now_us, target, times);
         }

@@ -8,7 +8,7 @@ use std::rc::Rc;
 
 use embedded_hal::digital::{self, InputPin, OutputPin};
 use embedded_hal::pwm::{self, SetDutyCycle};
-use lobelia_firmware::{AnalogInput, AxisPins, Board, ByteLink, Controller, Peripherals};
+use lobelia_firmware::{AnalogInput, AxisPins, Board, ByteLink, Controller, Options, Peripherals};
 use lobelia_protocol::{
     AxisParameters, Command, Configuration, FrameDecoder, Hello, HomeDirection, Outcome, Request, Response,
     ToController, ToHost,
@@ -32,6 +32,12 @@ pub(crate) struct Bench {
     pub(crate) shutter: Vec<(u64, bool)>,
     pub(crate) lamp: bool,
     pub(crate) stop_pressed: bool,
+    pub(crate) stalled: [bool; 4],
+    /// The home switches bounce, and until when they do.
+    pub(crate) bouncy: bool,
+    bounces_until_us: [u64; 4],
+    /// How far each home switch has been moved.
+    pub(crate) switch_shift: [i64; 4],
     pub(crate) pulse_too_short: bool,
     edge_us: [u64; 4],
     to_controller: VecDeque<u8>,
@@ -49,6 +55,7 @@ enum Role {
     Shutter,
     Lamp,
     Stop,
+    Stall(usize),
 }
 
 pub(crate) struct Pin(Shared, Role);
@@ -81,6 +88,10 @@ impl Pin {
                 if high {
                     assert!(bench.enabled[axis], "a step without a holding motor is lost");
                     bench.motors[axis] += if bench.up[axis] { 1 } else { -1 };
+                    let edge = if bench.up[axis] { SWITCH_AT + 1 } else { SWITCH_AT };
+                    if bench.bouncy && bench.motors[axis] == edge {
+                        bench.bounces_until_us[axis] = now + 1000;
+                    }
                     bench.steps[axis].push((now, bench.up[axis]));
                 }
             }
@@ -88,7 +99,7 @@ impl Pin {
             Role::Enable(axis) => bench.enabled[axis] = high,
             Role::Shutter => bench.shutter.push((now, high)),
             Role::Lamp => bench.lamp = high,
-            Role::Step(_) | Role::Home(_) | Role::Stop => {}
+            Role::Step(_) | Role::Home(_) | Role::Stop | Role::Stall(_) => {}
         }
     }
 }
@@ -108,8 +119,13 @@ impl InputPin for Pin {
     fn is_high(&mut self) -> Result<bool, Infallible> {
         let bench = self.0.borrow();
         Ok(match self.1 {
+            Role::Stall(axis) => bench.stalled[axis],
+            // A contact bounces for 1 ms at each edge.
+            Role::Home(axis) if bench.now_us < bench.bounces_until_us[axis] => {
+                (bench.now_us / 64).is_multiple_of(2)
+            }
             Role::Home(axis) if bench.switch_up => bench.motors[axis] >= -SWITCH_AT,
-            Role::Home(axis) => bench.motors[axis] <= SWITCH_AT,
+            Role::Home(axis) => bench.motors[axis] <= SWITCH_AT + bench.switch_shift[axis],
             Role::Stop => bench.stop_pressed,
             _ => false,
         })
@@ -163,7 +179,7 @@ impl Rig {
     pub(crate) fn new() -> Self {
         let bench = Shared::default();
         let pin = |role| Pin(Rc::clone(&bench), role);
-        let controller = Controller::new(Peripherals {
+        let peripherals = Peripherals {
             axes: std::array::from_fn(|axis| AxisPins {
                 step: pin(Role::Step(axis)),
                 direction: pin(Role::Direction(axis)),
@@ -176,7 +192,9 @@ impl Rig {
             photodiode: Diode,
             emergency_stop: pin(Role::Stop),
             link: Wire(Rc::clone(&bench)),
-        });
+        };
+        let options = Options { stall: std::array::from_fn(|axis| Some(pin(Role::Stall(axis)))) };
+        let controller = Controller::with_options(peripherals, options);
         Self { bench, controller, decoder: FrameDecoder::new(), next_id: 1 }
     }
 
@@ -235,6 +253,14 @@ impl Rig {
         }
     }
 
+    /// The outcome of a request, if it has come by now.
+    pub(crate) fn answered(&mut self, id: u32) -> Option<Outcome> {
+        self.received().into_iter().find_map(|packet| match packet {
+            ToHost::Response(response) if response.id == id => Some(response.outcome),
+            _ => None,
+        })
+    }
+
     /// Lets time pass until the next event; false when there is none.
     pub(crate) fn pass_event(&mut self) -> bool {
         let next = self.controller.next_event_us();
@@ -287,6 +313,8 @@ pub(crate) fn configuration() -> Configuration {
         home_slow_speed: 50,
         home_back_off: 60,
         home_travel: 4000,
+        home_debounce_us: 2000,
+        index_tolerance: 2,
     };
     Configuration {
         axes: [axis(2000, 4000), axis(1000, 20_000), axis(300, 100), axis(20_000, 50_000)],

@@ -9,8 +9,8 @@ use std::io::ErrorKind;
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
 use lobelia_protocol::{
-    Answer, Command, Configuration, Event, Exposure, FaultReport, FrameDecoder, Hello, Outcome, Refusal,
-    Request, Status, ToController, ToHost, Verdict,
+    Answer, Command, Configuration, Event, Exposure, FaultReport, FrameDecoder, Hello, HomingReport, Outcome,
+    Refusal, Request, Status, ToController, ToHost, Verdict,
 };
 
 use crate::error::{Error, Result};
@@ -88,6 +88,23 @@ impl RigClient {
     /// Homes all axes; gives their positions in steps.
     pub fn home(&mut self) -> Result<[i32; 4]> {
         self.call(Command::Home).and_then(positions)
+    }
+
+    /// Homes all axes by so many slow approaches; tells how the switches' edges scatter.
+    pub fn home_repeatedly(&mut self, approaches: u8) -> Result<HomingReport> {
+        match self.call(Command::HomeRepeatedly { approaches })? {
+            Answer::Homed(report) => Ok(report),
+            Answer::At(positions) => Ok(HomingReport { positions, spread_steps: [0; 4], approaches }),
+            _ => Err(out_of_place()),
+        }
+    }
+
+    /// Finds the home switches without forgetting the positions; gives by how many steps each position was too high.
+    pub fn check_index(&mut self) -> Result<[i32; 4]> {
+        match self.call(Command::CheckIndex)? {
+            Answer::Checked(lost) => Ok(lost),
+            _ => Err(out_of_place()),
+        }
     }
 
     /// Moves all axes (pan, tilt, roll, light) to absolute positions in steps, and waits until they have settled.

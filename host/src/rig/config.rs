@@ -145,6 +145,8 @@ impl Axis {
             home_slow_speed: positive(self.max_speed_deg_s / 60.0)?.max(1),
             home_back_off: positive(1.0)?.max(1),
             home_travel: positive(self.max_deg - self.home_deg + 20.0)?,
+            home_debounce_us: 3000,
+            index_tolerance: 4,
         })
     }
 }

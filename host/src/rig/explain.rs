@@ -68,6 +68,12 @@ fn fault(fault: Fault, axis: Option<Axis>) -> String {
         Fault::HomingFailed => {
             format!("{of} did not find its home switch: check the switch, its cable and home_travel")
         }
+        Fault::StepsLost => {
+            format!(
+                "{of} has lost steps, as its home switch shows: look for what blocks it, and measure again from the last check on"
+            )
+        }
+        Fault::Stall => format!("the motor of {of} stalled: look for what blocks it"),
         Fault::Hardware => "the controller could not drive or read a pin: check its wiring".to_owned(),
     }
 }
@@ -84,6 +90,7 @@ fn name(field: Field) -> &'static str {
         Field::Duration => "the exposure's duration",
         Field::Jerk => "the jerk",
         Field::FullTurn => "the full turn",
+        Field::Approaches => "the number of approaches",
     }
 }
 
@@ -95,6 +102,7 @@ fn range(field: Field) -> &'static str {
             "it has to be 1 to 10000000 steps/s², and reach the highest speed within 1000 s"
         }
         Field::Jerk => "it has to be 1 to 1000000000 steps/s³",
+        Field::Approaches => "it has to be 1 to 100",
         Field::FullTurn => "a turn has to hold the limits and be over twice the take-up, in whole steps",
         Field::TakeUp => "it has to be at most 2^20 steps",
         Field::HomePosition => {
