@@ -70,11 +70,15 @@ pub struct Peripherals<B: Board> {
 pub struct Options<B: Board> {
     /// Of each axis: high while its driver sees a stall.
     pub stall: [Option<B::Input>; AXES],
+    /// High: lamp or drivers are too hot.
+    pub over_temperature: Option<B::Input>,
+    /// High: the camera can take a photograph.
+    pub camera_ready: Option<B::Input>,
 }
 
 impl<B: Board> Default for Options<B> {
     fn default() -> Self {
-        Self { stall: [const { None }; AXES] }
+        Self { stall: [const { None }; AXES], over_temperature: None, camera_ready: None }
     }
 }
 

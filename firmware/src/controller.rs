@@ -1,5 +1,6 @@
 //! The controller: takes packets from the link, runs one long command at a time, and stops everything on a fault.
 
+mod light;
 mod moves;
 
 use core::array;
@@ -16,7 +17,7 @@ use crate::link::{Admission, Link};
 use crate::motion::axis::AxisDrive;
 use crate::motion::parameters;
 use crate::safety::Safety;
-use crate::shutter::{OPEN_US, Shutter};
+use crate::shutter::Shutter;
 
 /// A command that takes time, being run.
 #[derive(Debug)]
@@ -29,8 +30,10 @@ enum Task {
     Home(Purpose, [Option<Homing>; AXES]),
     /// Axes have come to rest, after a move or else after a search that found something, and settle.
     Settle { until_us: u64, found: Option<Answer> },
-    /// The shutter is open.
-    Expose,
+    /// The camera isn't ready yet; is looked at again at `look_us`.
+    AwaitCamera { look_us: u64, until_us: u64, duration_us: u32, warm_lamp: bool },
+    /// The shutter is open; with `lit` the lamp must be seen.
+    Expose { lit: bool },
     /// Axes come to rest because of a stop.
     Stop,
 }
@@ -103,7 +106,8 @@ impl<B: Board> Controller<B> {
         };
         match &running.task {
             Task::Settle { until_us, .. } => *until_us,
-            Task::Expose => self.shutter.next_us(),
+            Task::AwaitCamera { look_us, .. } => *look_us,
+            Task::Expose { .. } => self.shutter.next_us(),
             Task::Move { .. } | Task::Turn { .. } | Task::Home(..) | Task::Stop => {
                 self.axes.iter().map(AxisDrive::next_us).min().unwrap_or(u64::MAX)
             }
@@ -122,6 +126,11 @@ impl<B: Board> Controller<B> {
             Ok(true) => self.raise(now_us, Fault::EmergencyStop, None),
             Err(PinFailure) => self.raise(now_us, Fault::Hardware, None),
         }
+        self.mind_temperature(now_us);
+        // Steps and shutter before bytes: what a packet takes to decode must not delay them.
+        if let Some(running) = self.running.take() {
+            self.go_on(now_us, running);
+        }
         while let Some(packet) = self.link.receive() {
             match packet {
                 ToController::Hello(hello) => {
@@ -131,9 +140,6 @@ impl<B: Board> Controller<B> {
                 }
                 ToController::Request(request) => self.take(now_us, &request),
             }
-        }
-        if let Some(running) = self.running.take() {
-            self.go_on(now_us, running);
         }
         self.link.flush();
     }
@@ -232,19 +238,6 @@ impl<B: Board> Controller<B> {
         Ok(())
     }
 
-    fn begin_exposure(&mut self, now_us: u64, duration_us: u32, warm_lamp: bool) -> Result<Task, Trouble> {
-        if !OPEN_US.contains(&duration_us) {
-            return Err(Refusal::BadParameter { axis: None, field: Field::Duration }.into());
-        }
-        self.check_positions()?;
-        let lamp = self.lamp_status(now_us);
-        if warm_lamp && !lamp.warm {
-            return Err(Refusal::LampNotWarm { remaining_s: lamp.on.then_some(lamp.remaining_s) }.into());
-        }
-        self.shutter.open(now_us, duration_us)?;
-        Ok(Task::Expose)
-    }
-
     /// Brings all axes to rest by their ramps and closes the shutter.
     fn stop(&mut self, now_us: u64) -> Result<(), PinFailure> {
         self.axes.iter_mut().for_each(|axis| axis.stop(now_us));
@@ -252,10 +245,6 @@ impl<B: Board> Controller<B> {
             running.task = Task::Stop;
         }
         self.shutter.close()
-    }
-
-    fn lamp_status(&self, now_us: u64) -> LampStatus {
-        self.lamp.status(now_us, self.configuration.map_or(0, |configuration| configuration.lamp_warm_up_s))
     }
 
     fn status(&mut self, now_us: u64) -> Result<Status, PinFailure> {
@@ -301,10 +290,22 @@ impl<B: Board> Controller<B> {
 
     fn advance(&mut self, now_us: u64, task: &mut Task) -> Result<Option<Outcome>, (Fault, Option<Axis>)> {
         match task {
-            Task::Expose => {
-                let exposure =
-                    self.shutter.poll(now_us, &mut self.photodiode).map_err(|_| (Fault::Hardware, None))?;
-                return Ok(exposure.map(|exposure| Outcome::Done(Answer::Exposed(exposure))));
+            Task::AwaitCamera { look_us, until_us, duration_us, warm_lamp } => {
+                let awaited = (*until_us, *duration_us, *warm_lamp);
+                if now_us < *look_us {
+                    return Ok(None);
+                }
+                return match self.open_when_ready(now_us, awaited).map_err(|_| (Fault::Hardware, None))? {
+                    Some(next) => {
+                        *task = next;
+                        Ok(None)
+                    }
+                    None => Ok(Some(Outcome::Refused(Refusal::CameraNotReady))),
+                };
+            }
+            Task::Expose { lit } => {
+                let lit = *lit;
+                return self.expose_on(now_us, lit).map_err(|fault| (fault, None));
             }
             Task::Settle { until_us, found } => {
                 if now_us < *until_us {
@@ -339,7 +340,7 @@ impl<B: Board> Controller<B> {
                 *task = Task::Settle { until_us: now_us + self.longest_settling_us(), found };
                 None
             }
-            Task::Settle { .. } | Task::Expose => None,
+            Task::Settle { .. } | Task::AwaitCamera { .. } | Task::Expose { .. } => None,
         })
     }
 
@@ -355,7 +356,7 @@ impl<B: Board> Controller<B> {
             safe &= drive.cut().is_ok();
         }
         safe &= self.shutter.close().is_ok();
-        if fault == Fault::EmergencyStop {
+        if matches!(fault, Fault::EmergencyStop | Fault::OverTemperature) {
             safe &= self.lamp.switch(now_us, false, 0).is_ok();
         }
         if self.safety.latch(fault) {

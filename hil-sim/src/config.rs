@@ -119,6 +119,8 @@ impl MechanicsConfig {
         Configuration {
             axes: self.axes().map(AxisMechanics::parameters),
             lamp_warm_up_s: self.lamp.warm_up_s,
+            lamp_least_reading: (self.lamp.photodiode_counts / 10.0) as u16,
+            camera_wait_ms: 2000,
             coordinated: true,
         }
     }

@@ -19,17 +19,23 @@ pub enum Fault {
     StepsLost,
     /// A motor's driver reported a stall.
     Stall,
+    /// Lamp or driver is too hot.
+    OverTemperature,
+    /// The lamp was on and warm, but its photodiode stayed dark.
+    LampFailure,
 }
 
 impl Fault {
     /// Every fault, in the order of its bit in [`Faults`].
-    pub const ALL: [Self; 6] = [
+    pub const ALL: [Self; 8] = [
         Self::EmergencyStop,
         Self::LimitHit,
         Self::HomingFailed,
         Self::Hardware,
         Self::StepsLost,
         Self::Stall,
+        Self::OverTemperature,
+        Self::LampFailure,
     ];
 
     const fn bit(self) -> u16 {

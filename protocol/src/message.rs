@@ -94,6 +94,11 @@ pub struct Configuration {
     pub axes: [AxisParameters; AXES],
     /// How long the lamp has to burn until it is warm, in s.
     pub lamp_warm_up_s: u16,
+    /// In an exposure that needs the warm lamp, a mean reading of the photodiode below this, for full level, means that the lamp
+    /// has failed; counts, 0 to not look.
+    pub lamp_least_reading: u16,
+    /// How long an exposure waits for the camera to be ready, where the board has an input for that, in ms.
+    pub camera_wait_ms: u16,
     /// Whether the axes of a move arrive all at once, each slowed down to the slowest one's time; or else each as soon as it
     /// can.
     pub coordinated: bool,
@@ -215,6 +220,8 @@ pub struct Exposure {
     pub reference_q8: u32,
     /// Number of photodiode readings in that mean.
     pub readings: u32,
+    /// How much the lamp flickered: standard deviation of the readings over their mean, in millionths.
+    pub flicker_ppm: u32,
 }
 
 /// Why a request isn't done.
@@ -250,6 +257,13 @@ pub enum Refusal {
     EmergencyStopPressed,
     /// Given up because of a stop.
     Stopped,
+    /// The camera wasn't ready in time.
+    CameraNotReady,
+    /// The shutter closed so much later than asked for: the exposure has to be repeated.
+    ShutterLate {
+        /// By how much, µs.
+        late_us: u32,
+    },
 }
 
 /// A parameter that can be out of range.

