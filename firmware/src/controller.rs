@@ -6,8 +6,8 @@ mod moves;
 use core::array;
 
 use lobelia_protocol::{
-    AXES, Answer, Axis, Command, Configuration, Event, Fault, FaultReport, Field, LampStatus, Outcome,
-    Refusal, Request, Response, Status, ToController, ToHost,
+    AXES, Answer, Axis, Command, Configuration, Event, Fault, FaultReport, Outcome, Refusal, Request,
+    Response, Status, ToController, ToHost,
 };
 
 use crate::board::{Board, Options, Peripherals, PinFailure};
