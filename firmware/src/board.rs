@@ -8,6 +8,8 @@ use embedded_hal::digital::{InputPin, OutputPin};
 use embedded_hal::pwm::SetDutyCycle;
 use lobelia_protocol::AXES;
 
+use crate::storage::Storage;
+
 /// A link that carries bytes and never waits.
 pub trait ByteLink {
     /// The next byte received, if there is one.
@@ -74,11 +76,13 @@ pub struct Options<B: Board> {
     pub over_temperature: Option<B::Input>,
     /// High: the camera can take a photograph.
     pub camera_ready: Option<B::Input>,
+    /// Memory for parameters.
+    pub storage: Option<&'static mut (dyn Storage + Send)>,
 }
 
 impl<B: Board> Default for Options<B> {
     fn default() -> Self {
-        Self { stall: [const { None }; AXES], over_temperature: None, camera_ready: None }
+        Self { stall: [const { None }; AXES], over_temperature: None, camera_ready: None, storage: None }
     }
 }
 

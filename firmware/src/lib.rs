@@ -15,6 +15,7 @@ mod link;
 mod motion;
 mod safety;
 mod shutter;
+pub mod storage;
 
 pub use board::{AnalogInput, AxisPins, Board, ByteLink, Options, Peripherals};
 pub use controller::Controller;

@@ -70,13 +70,13 @@ fn homing_at_the_upper_end_measures_the_edge_upward() {
 #[test]
 fn repeated_request_is_not_run_twice() {
     let mut rig = Rig::homed();
-    let request = Request { session: SESSION, id: 50, command: Command::MoveTo([300, 200, 10, 400]) };
+    let request = Request { session: SESSION, id: 3, command: Command::MoveTo([300, 200, 10, 400]) };
     rig.send(&ToController::Request(request));
     rig.pass_event();
     rig.send(&ToController::Request(request));
     let running = rig.received();
     assert!(matches!(running[..], [ToHost::Response(response)] if response.outcome == Outcome::Running));
-    let done = rig.outcome(50);
+    let done = rig.outcome(3);
     let steps = rig.step_count();
     rig.send(&ToController::Request(request));
     let again = rig.received();

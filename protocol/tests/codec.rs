@@ -49,6 +49,9 @@ fn commands() -> Vec<Command> {
             axes: [0, 1, -2, i32::MAX - 100_000].map(axis_parameters),
             lamp_warm_up_s: 900,
             lamp_least_reading: 300,
+            lease_ms: 2000,
+            lamp_lease_ms: 60_000,
+            lamp_safe_level: 9000,
             camera_wait_ms: 2000,
             coordinated: true,
         }),
@@ -62,6 +65,7 @@ fn commands() -> Vec<Command> {
         Command::Retarget([1, -1, i32::MIN, i32::MAX]),
         Command::HomeRepeatedly { approaches: 5 },
         Command::CheckIndex,
+        Command::SaveParameters,
     ]
 }
 
@@ -113,6 +117,8 @@ fn outcomes() -> Vec<Outcome> {
             Refusal::Stopped,
             Refusal::CameraNotReady,
             Refusal::ShutterLate { late_us: 12 },
+            Refusal::OutOfWindow,
+            Refusal::NoStorage,
         ]
         .map(Outcome::Refused),
     );
@@ -164,7 +170,7 @@ fn bytes_of_messages_change_only_together_with_the_schema_identity() {
     let pinned = (schema::VERSION, schema::IDENTITY, schema::identity(0, &bytes));
     assert_eq!(
         pinned,
-        (2, 12_279_731_667_511_392_496, 8_198_228_570_421_841_327),
+        (2, 10_555_177_361_250_009_715, 4_978_058_245_442_587_950),
         "raise schema::VERSION, describe the change in schema::TEXT, then pin"
     );
 }

@@ -1,5 +1,6 @@
 //! A bench for the controller: pins that write down what they are told and when.
 #![allow(clippy::unwrap_used)]
+#![allow(dead_code, reason = "each test uses its part")]
 
 use std::cell::RefCell;
 use std::collections::VecDeque;
@@ -8,6 +9,7 @@ use std::rc::Rc;
 
 use embedded_hal::digital::{self, InputPin, OutputPin};
 use embedded_hal::pwm::{self, SetDutyCycle};
+use lobelia_firmware::storage::Storage;
 use lobelia_firmware::{AnalogInput, AxisPins, Board, ByteLink, Controller, Options, Peripherals};
 use lobelia_protocol::{
     AxisParameters, Command, Configuration, FrameDecoder, Hello, HomeDirection, Outcome, Request, Response,
@@ -34,6 +36,9 @@ pub(crate) struct Bench {
     pub(crate) stop_pressed: bool,
     pub(crate) stalled: [bool; 4],
     pub(crate) hot: bool,
+    /// The link takes no bytes from the controller.
+    pub(crate) line_stuck: bool,
+    pub(crate) lamp_level: u16,
     pub(crate) camera_ready_us: u64,
     /// The photodiode's readings, in turn; 1234 where there are none.
     pub(crate) readings: VecDeque<u16>,
@@ -65,7 +70,7 @@ enum Role {
 }
 
 pub(crate) struct Pin(Shared, Role);
-pub(crate) struct Dimmer;
+pub(crate) struct Dimmer(Shared);
 pub(crate) struct Diode(Shared);
 pub(crate) struct Wire(Shared);
 pub(crate) struct TestBoard;
@@ -151,7 +156,8 @@ impl SetDutyCycle for Dimmer {
     fn max_duty_cycle(&self) -> u16 {
         1000
     }
-    fn set_duty_cycle(&mut self, _: u16) -> Result<(), Infallible> {
+    fn set_duty_cycle(&mut self, level: u16) -> Result<(), Infallible> {
+        self.0.borrow_mut().lamp_level = level;
         Ok(())
     }
 }
@@ -169,8 +175,11 @@ impl ByteLink for Wire {
         self.0.borrow_mut().to_controller.pop_front()
     }
     fn write(&mut self, byte: u8) -> bool {
-        self.0.borrow_mut().to_host.push(byte);
-        true
+        let bench = &mut *self.0.borrow_mut();
+        if !bench.line_stuck {
+            bench.to_host.push(byte);
+        }
+        !bench.line_stuck
     }
 }
 
@@ -187,6 +196,15 @@ pub(crate) const SESSION: u32 = 77;
 
 impl Rig {
     pub(crate) fn new() -> Self {
+        Self::build(None)
+    }
+
+    /// With memory for parameters.
+    pub(crate) fn with_storage(storage: &'static mut (dyn Storage + Send)) -> Self {
+        Self::build(Some(storage))
+    }
+
+    fn build(storage: Option<&'static mut (dyn Storage + Send)>) -> Self {
         let bench = Shared::default();
         let pin = |role| Pin(Rc::clone(&bench), role);
         let peripherals = Peripherals {
@@ -198,7 +216,7 @@ impl Rig {
             }),
             shutter: pin(Role::Shutter),
             lamp: pin(Role::Lamp),
-            lamp_level: Dimmer,
+            lamp_level: Dimmer(Rc::clone(&bench)),
             photodiode: Diode(Rc::clone(&bench)),
             emergency_stop: pin(Role::Stop),
             link: Wire(Rc::clone(&bench)),
@@ -207,6 +225,7 @@ impl Rig {
             stall: std::array::from_fn(|axis| Some(pin(Role::Stall(axis)))),
             over_temperature: Some(pin(Role::Hot)),
             camera_ready: Some(pin(Role::CameraReady)),
+            storage,
         };
         let controller = Controller::with_options(peripherals, options);
         Self { bench, controller, decoder: FrameDecoder::new(), next_id: 1 }
@@ -339,6 +358,9 @@ pub(crate) fn configuration() -> Configuration {
         axes: [axis(2000, 4000), axis(1000, 20_000), axis(300, 100), axis(20_000, 50_000)],
         lamp_warm_up_s: 10,
         lamp_least_reading: 300,
+        lease_ms: 0,
+        lamp_lease_ms: 0,
+        lamp_safe_level: 0,
         camera_wait_ms: 50,
         coordinated: true,
     }

@@ -19,8 +19,10 @@ use crate::rig::port::Port;
 
 /// After this long without an answer a request is sent again.
 const PATIENCE: Duration = Duration::from_millis(300);
+/// While it waits, the client asks something this often: well within the controller's lease.
+const KEEP_ALIVE: Duration = Duration::from_millis(500);
 /// After this many repetitions without a word from the controller the link counts as dead.
-const REPETITIONS: u32 = 20;
+const REPETITIONS: u32 = 40;
 /// After this many bytes without one packet among them the port counts as someone else's.
 const MOST_RUBBISH: usize = 1 << 18;
 
@@ -176,10 +178,20 @@ impl RigClient {
     }
 
     /// Lets time pass on the rig, real or virtual. A fault reported meanwhile is an error.
+    ///
+    /// Asks for the status now and then, so that the controller knows that the host is still there.
     pub fn pause(&mut self, time: Duration) -> Result<()> {
-        while let Some(packet) = self.receive(time)? {
-            if let ToHost::Event(Event::Fault(report)) = packet {
-                return Err(Error::failure(explain::fault_report(&report)));
+        let mut left = time;
+        while !left.is_zero() {
+            let part = left.min(KEEP_ALIVE);
+            left -= part;
+            while let Some(packet) = self.receive(part)? {
+                if let ToHost::Event(Event::Fault(report)) = packet {
+                    return Err(Error::failure(explain::fault_report(&report)));
+                }
+            }
+            if !left.is_zero() {
+                self.status()?;
             }
         }
         Ok(())
