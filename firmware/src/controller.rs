@@ -17,7 +17,7 @@ use crate::lamp::Lamp;
 use crate::link::{Admission, Link};
 use crate::motion::axis::AxisDrive;
 use crate::motion::parameters;
-use crate::safety::Safety;
+use crate::safety::{EmergencyStop, Safety};
 use crate::shutter::Shutter;
 use crate::storage;
 
@@ -133,6 +133,9 @@ impl<B: Board> Controller<B> {
 
     /// Does all that is due at `now_us`, which never goes back.
     pub fn poll(&mut self, now_us: u64) {
+        if self.options.emergency_stop.is_some_and(EmergencyStop::take) {
+            self.raise(now_us, Fault::EmergencyStop, None);
+        }
         match self.safety.newly_pressed() {
             Ok(false) => {}
             Ok(true) => self.raise(now_us, Fault::EmergencyStop, None),
@@ -150,6 +153,12 @@ impl<B: Board> Controller<B> {
                     if self.link.greet(hello) {
                         self.abandon(now_us);
                     }
+                    // A host of another version would not understand.
+                    if self.link.is_open()
+                        && let Some(crash) = self.options.crash.take()
+                    {
+                        self.link.tell(Event::Crashed(crash));
+                    }
                 }
                 ToController::Request(request) => {
                     self.take(now_us, &request);
@@ -161,6 +170,12 @@ impl<B: Board> Controller<B> {
         }
         if now_us >= self.lease_end_us() {
             self.expire(now_us);
+        }
+        // A board whose pins fail is better off with a reset, which puts them to their safe state.
+        if let Some(watchdog) = &mut self.options.watchdog
+            && !self.safety.faults().contains(Fault::Hardware)
+        {
+            watchdog.feed();
         }
         self.link.flush();
     }

@@ -345,9 +345,33 @@ pub struct LampStatus {
     pub remaining_s: u16,
 }
 
+/// Why a controller crashed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+pub enum CrashCause {
+    /// The program found itself in an impossible state.
+    Panic,
+    /// The stack grew over its end.
+    StackOverflow,
+    /// The processor met something that it can't run.
+    HardFault,
+    /// The watchdog wasn't fed.
+    Watchdog,
+}
+
+/// What a crash left behind.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+pub struct CrashRecord {
+    /// Why.
+    pub cause: CrashCause,
+    /// Where: a source line for a panic, else an address, as the cause has it; 0 when unknown.
+    pub place: u32,
+}
+
 /// What the controller tells unasked.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Event {
     /// A fault was raised.
     Fault(FaultReport),
+    /// The controller crashed before it was started last. Told once, after a hello.
+    Crashed(CrashRecord),
 }

@@ -31,7 +31,8 @@ status positions:[i32;4] known:[bool;4] moving:[bool;4] at_switch:[bool;4] confi
 lamp(on:bool level:u16 warm:bool remaining_s:u16) faults emergency_stop:bool uptime_us:u64
 faults u16 bits 0:emergency_stop 1:limit_hit 2:homing_failed 3:hardware 4:steps_lost 5:stall \
 6:over_temperature 7:lamp_failure 8:lease_expired
-event 0:fault(fault axis:option at_us:u64)
+event 0:fault(fault axis:option at_us:u64) 1:crashed(cause place:u32)
+cause 0:panic 1:stack_overflow 2:hard_fault 3:watchdog
 ";
 
 /// The schema's identity: FNV-1a, 64 bits, of [`VERSION`] and [`TEXT`].

@@ -2,9 +2,9 @@
 
 use lobelia_protocol::frame::{self, MAX_PAYLOAD};
 use lobelia_protocol::{
-    Answer, Axis, AxisParameters, Command, Configuration, Event, Exposure, Fault, FaultReport, Faults, Field,
-    FrameDecoder, FrameError, Hello, HelloReply, HomeDirection, HomingReport, LampStatus, Outcome, Refusal,
-    Request, Response, Status, ToController, ToHost, Verdict, schema,
+    Answer, Axis, AxisParameters, Command, Configuration, CrashCause, CrashRecord, Event, Exposure, Fault,
+    FaultReport, Faults, Field, FrameDecoder, FrameError, Hello, HelloReply, HomeDirection, HomingReport,
+    LampStatus, Outcome, Refusal, Request, Response, Status, ToController, ToHost, Verdict, schema,
 };
 use proptest::collection::vec;
 use proptest::prelude::*;
@@ -138,10 +138,15 @@ fn to_host() -> Vec<ToHost> {
         .into_iter()
         .map(|outcome| ToHost::Response(Response { session: u32::MAX, id: u32::MAX, outcome }));
     let fault = FaultReport { fault: Fault::HomingFailed, axis: Some(Axis::Light), at_us: u64::MAX };
-    [ToHost::Hello(Hello::new(7).reply()), ToHost::Event(Event::Fault(fault))]
-        .into_iter()
-        .chain(responses)
-        .collect()
+    let crash = CrashRecord { cause: CrashCause::Watchdog, place: 77 };
+    [
+        ToHost::Hello(Hello::new(7).reply()),
+        ToHost::Event(Event::Fault(fault)),
+        ToHost::Event(Event::Crashed(crash)),
+    ]
+    .into_iter()
+    .chain(responses)
+    .collect()
 }
 
 #[test]
@@ -170,7 +175,7 @@ fn bytes_of_messages_change_only_together_with_the_schema_identity() {
     let pinned = (schema::VERSION, schema::IDENTITY, schema::identity(0, &bytes));
     assert_eq!(
         pinned,
-        (2, 10_555_177_361_250_009_715, 4_978_058_245_442_587_950),
+        (2, 16_659_785_821_898_396_137, 6_223_815_578_139_945_509),
         "raise schema::VERSION, describe the change in schema::TEXT, then pin"
     );
 }

@@ -110,6 +110,11 @@ impl<L: ByteLink> Link<L> {
         Admission::Answer(kept.map_or(Outcome::Refused(Refusal::Stale), |answer| answer.outcome))
     }
 
+    /// Whether a session is open.
+    pub(crate) fn is_open(&self) -> bool {
+        self.session.is_some()
+    }
+
     /// Whether a request belongs to the session that is open.
     pub(crate) fn in_session(&self, request: &Request) -> bool {
         self.session == Some(request.session)

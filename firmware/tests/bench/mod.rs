@@ -6,14 +6,17 @@ use std::cell::RefCell;
 use std::collections::VecDeque;
 use std::convert::Infallible;
 use std::rc::Rc;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU32, Ordering::Relaxed};
 
 use embedded_hal::digital::{self, InputPin, OutputPin};
 use embedded_hal::pwm::{self, SetDutyCycle};
+use lobelia_firmware::safety::EmergencyStop;
 use lobelia_firmware::storage::Storage;
-use lobelia_firmware::{AnalogInput, AxisPins, Board, ByteLink, Controller, Options, Peripherals};
+use lobelia_firmware::{AnalogInput, AxisPins, Board, ByteLink, Controller, Options, Peripherals, Watchdog};
 use lobelia_protocol::{
-    AxisParameters, Command, Configuration, FrameDecoder, Hello, HomeDirection, Outcome, Request, Response,
-    ToController, ToHost,
+    AxisParameters, Command, Configuration, CrashCause, CrashRecord, FrameDecoder, Hello, HomeDirection,
+    Outcome, Request, Response, ToController, ToHost,
 };
 
 /// Where the home switch closes, in motor steps from where the rig was switched on.
@@ -36,6 +39,7 @@ pub(crate) struct Bench {
     pub(crate) stop_pressed: bool,
     pub(crate) stalled: [bool; 4],
     pub(crate) hot: bool,
+    pub(crate) diode_broken: bool,
     /// The link takes no bytes from the controller.
     pub(crate) line_stuck: bool,
     pub(crate) lamp_level: u16,
@@ -74,6 +78,13 @@ pub(crate) struct Dimmer(Shared);
 pub(crate) struct Diode(Shared);
 pub(crate) struct Wire(Shared);
 pub(crate) struct TestBoard;
+struct Dog(Arc<AtomicU32>);
+
+impl Watchdog for Dog {
+    fn feed(&mut self) {
+        self.0.fetch_add(1, Relaxed);
+    }
+}
 
 impl Board for TestBoard {
     type Output = Pin;
@@ -164,6 +175,9 @@ impl SetDutyCycle for Dimmer {
 
 impl AnalogInput for Diode {
     fn read(&mut self) -> Option<u16> {
+        if self.0.borrow().diode_broken {
+            return None;
+        }
         let readings = &mut self.0.borrow_mut().readings;
         readings.rotate_left(usize::from(!readings.is_empty()));
         Some(readings.back().copied().unwrap_or(1234))
@@ -186,6 +200,9 @@ impl ByteLink for Wire {
 /// A controller on its bench, and a host that talks to it.
 pub(crate) struct Rig {
     pub(crate) bench: Shared,
+    pub(crate) emergency_stop: &'static EmergencyStop,
+    /// How often the watchdog was fed.
+    pub(crate) meals: Arc<AtomicU32>,
     controller: Controller<TestBoard>,
     decoder: FrameDecoder,
     next_id: u32,
@@ -221,14 +238,19 @@ impl Rig {
             emergency_stop: pin(Role::Stop),
             link: Wire(Rc::clone(&bench)),
         };
+        let emergency_stop: &'static EmergencyStop = Box::leak(Box::new(EmergencyStop::new()));
+        let meals = Arc::new(AtomicU32::new(0));
         let options = Options {
             stall: std::array::from_fn(|axis| Some(pin(Role::Stall(axis)))),
             over_temperature: Some(pin(Role::Hot)),
             camera_ready: Some(pin(Role::CameraReady)),
             storage,
+            emergency_stop: Some(emergency_stop),
+            watchdog: Some(Box::leak(Box::new(Dog(Arc::clone(&meals))))),
+            crash: Some(CrashRecord { cause: CrashCause::HardFault, place: 0x0800_1234 }),
         };
         let controller = Controller::with_options(peripherals, options);
-        Self { bench, controller, decoder: FrameDecoder::new(), next_id: 1 }
+        Self { bench, emergency_stop, meals, controller, decoder: FrameDecoder::new(), next_id: 1 }
     }
 
     /// With a session, and configured.

@@ -9,8 +9,8 @@ use std::io::ErrorKind;
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
 use lobelia_protocol::{
-    Answer, Command, Configuration, Event, Exposure, FaultReport, FrameDecoder, Hello, HomingReport, Outcome,
-    Refusal, Request, Status, ToController, ToHost, Verdict,
+    Answer, Command, Configuration, CrashRecord, Event, Exposure, FaultReport, FrameDecoder, Hello,
+    HomingReport, Outcome, Refusal, Request, Status, ToController, ToHost, Verdict,
 };
 
 use crate::error::{Error, Result};
@@ -21,6 +21,8 @@ use crate::rig::port::Port;
 const PATIENCE: Duration = Duration::from_millis(300);
 /// While it waits, the client asks something this often: well within the controller's lease.
 const KEEP_ALIVE: Duration = Duration::from_millis(500);
+/// A fault's report follows the refusal within this time.
+const REPORT_PATIENCE: Duration = Duration::from_millis(100);
 /// After this many repetitions without a word from the controller the link counts as dead.
 const REPETITIONS: u32 = 40;
 /// After this many bytes without one packet among them the port counts as someone else's.
@@ -35,6 +37,7 @@ pub struct RigClient {
     session: u32,
     last_id: u32,
     faults: Vec<FaultReport>,
+    crash: Option<CrashRecord>,
     interrupted: Option<Box<dyn Fn() -> bool + Send>>,
 }
 
@@ -59,6 +62,7 @@ impl RigClient {
             session: hello.session,
             last_id: 0,
             faults: Vec::new(),
+            crash: None,
             interrupted: None,
         };
         for _ in 0..REPETITIONS {
@@ -202,6 +206,11 @@ impl RigClient {
         &self.faults
     }
 
+    /// What the controller reported of a crash before it was started last.
+    pub fn crash(&self) -> Option<CrashRecord> {
+        self.crash
+    }
+
     fn is_interrupted(&self) -> bool {
         self.interrupted.as_ref().is_some_and(|interrupted| interrupted())
     }
@@ -236,7 +245,13 @@ impl RigClient {
     }
 
     /// The sentence for a refusal; the report of a fault, which names the axis, goes in front.
-    fn refused(&self, refusal: Refusal) -> Error {
+    fn refused(&mut self, refusal: Refusal) -> Error {
+        // Reports come after answers.
+        while self.faults.is_empty() && matches!(refusal, Refusal::Faulted(_)) {
+            if !matches!(self.receive(REPORT_PATIENCE), Ok(Some(_))) {
+                break;
+            }
+        }
         let error = explain::refusal(refusal);
         match (refusal, self.faults.last()) {
             (Refusal::Faulted(_), Some(report)) if report.axis.is_some() => {
@@ -261,6 +276,9 @@ impl RigClient {
                 self.rubbish = 0;
                 if let ToHost::Event(Event::Fault(report)) = &packet {
                     self.faults.push(*report);
+                }
+                if let ToHost::Event(Event::Crashed(record)) = &packet {
+                    self.crash = Some(*record);
                 }
                 return Ok(Some(packet));
             }
