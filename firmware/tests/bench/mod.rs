@@ -16,7 +16,7 @@ use lobelia_firmware::storage::Storage;
 use lobelia_firmware::{AnalogInput, AxisPins, Board, ByteLink, Controller, Options, Peripherals, Watchdog};
 use lobelia_protocol::{
     AxisParameters, Command, Configuration, CrashCause, CrashRecord, FrameDecoder, Hello, HomeDirection,
-    Outcome, Request, Response, ToController, ToHost,
+    Outcome, Refusal, Request, Response, ToController, ToHost,
 };
 
 /// Where the home switch closes, in motor steps from where the rig was switched on.
@@ -353,6 +353,14 @@ impl Rig {
     /// Steps made by all axes.
     pub(crate) fn step_count(&self) -> usize {
         self.bench.borrow().steps.iter().map(Vec::len).sum()
+    }
+}
+
+/// The refusal that an outcome must be.
+pub(crate) fn refusal(outcome: Outcome) -> Refusal {
+    match outcome {
+        Outcome::Refused(refusal) => refusal,
+        other => panic!("not refused: {other:?}"),
     }
 }
 
