@@ -1,32 +1,41 @@
 //! The controller: takes packets from the link, runs one long command at a time, and stops everything on a fault.
 
+mod lease;
+mod light;
+mod moves;
+
 use core::array;
 
 use lobelia_protocol::{
-    AXES, Answer, Axis, Command, Configuration, Event, Fault, FaultReport, Field, HomeDirection, LampStatus,
-    Outcome, Refusal, Request, Response, Status, ToController, ToHost,
+    AXES, Answer, Axis, Command, Configuration, Event, Fault, FaultReport, Outcome, Refusal, Request,
+    Response, Status, ToController, ToHost,
 };
 
-use crate::board::{Board, Peripherals, PinFailure};
-use crate::homing::{Homing, Progress};
+use crate::board::{Board, Options, Peripherals, PinFailure};
+use crate::homing::{Homing, Purpose};
 use crate::lamp::Lamp;
 use crate::link::{Admission, Link};
 use crate::motion::axis::AxisDrive;
 use crate::motion::parameters;
-use crate::safety::Safety;
-use crate::shutter::{OPEN_US, Shutter};
+use crate::safety::{EmergencyStop, Safety};
+use crate::shutter::Shutter;
+use crate::storage;
 
 /// A command that takes time, being run.
 #[derive(Debug)]
 enum Task {
     /// Axes run to their targets; then they settle for `settle_ms`.
     Move { settle_ms: u16 },
+    /// Axes brake, or go on to new targets; then all move to them.
+    Turn { targets: [i32; AXES] },
     /// Axes search for their switches.
-    Home([Option<Homing>; AXES]),
-    /// Axes have come to rest and settle.
-    Settle { until_us: u64 },
-    /// The shutter is open.
-    Expose,
+    Home(Purpose, [Option<Homing>; AXES]),
+    /// Axes have come to rest, after a move or else after a search that found something, and settle.
+    Settle { until_us: u64, found: Option<Answer> },
+    /// The camera isn't ready yet; is looked at again at `look_us`.
+    AwaitCamera { look_us: u64, until_us: u64, duration_us: u32, warm_lamp: bool },
+    /// The shutter is open; with `lit` the lamp must be seen.
+    Expose { lit: bool },
     /// Axes come to rest because of a stop.
     Stop,
 }
@@ -59,6 +68,7 @@ impl From<PinFailure> for Trouble {
 /// The controller of a rig.
 pub struct Controller<B: Board> {
     axes: [AxisDrive<B>; AXES],
+    options: Options<B>,
     lamp: Lamp<B::Output, B::LampLevel>,
     shutter: Shutter<B::Output>,
     photodiode: B::Photodiode,
@@ -66,66 +76,114 @@ pub struct Controller<B: Board> {
     link: Link<B::Link>,
     configuration: Option<Configuration>,
     running: Option<Running>,
+    /// When the last request or hello came.
+    heard_us: u64,
 }
 
 impl<B: Board> Controller<B> {
     /// A controller just switched on: nothing moves, the lamp is off, positions are unknown.
     pub fn new(peripherals: Peripherals<B>) -> Self {
+        Self::with_options(peripherals, Options::default())
+    }
+
+    /// The same, on a board that has more than it needs.
+    pub fn with_options(peripherals: Peripherals<B>, options: Options<B>) -> Self {
+        let mut options = options;
+        let stored = options.storage.as_mut().and_then(|storage| storage::load(&mut **storage));
+        let configuration = stored.filter(|stored| parameters::validate(stored).is_ok());
         let Peripherals { axes, shutter, lamp, lamp_level, photodiode, emergency_stop, link } = peripherals;
         Self {
             axes: axes.map(AxisDrive::new),
+            options,
             lamp: Lamp::new(lamp, lamp_level),
             shutter: Shutter::new(shutter),
             photodiode,
             safety: Safety::new(emergency_stop),
             link: Link::new(link),
-            configuration: None,
+            configuration,
             running: None,
+            heard_us: 0,
         }
     }
 
     /// When [`Self::poll`] has to be called next, unless a byte or the emergency stop comes first; in µs, and
     /// `u64::MAX` when nothing is under way.
     pub fn next_event_us(&self) -> u64 {
+        self.task_us().min(self.lease_end_us())
+    }
+
+    fn task_us(&self) -> u64 {
         let Some(running) = &self.running else {
             return u64::MAX;
         };
         match &running.task {
-            Task::Settle { until_us } => *until_us,
-            Task::Expose => self.shutter.next_us(),
-            Task::Move { .. } | Task::Home(_) | Task::Stop => {
+            Task::Settle { until_us, .. } => *until_us,
+            Task::AwaitCamera { look_us, .. } => *look_us,
+            Task::Expose { .. } => self.shutter.next_us(),
+            Task::Move { .. } | Task::Turn { .. } | Task::Home(..) | Task::Stop => {
                 self.axes.iter().map(AxisDrive::next_us).min().unwrap_or(u64::MAX)
             }
         }
     }
 
+    /// Which axes are under way.
+    pub fn moving(&self) -> [bool; AXES] {
+        array::from_fn(|axis| self.axes[axis].moving())
+    }
+
     /// Does all that is due at `now_us`, which never goes back.
     pub fn poll(&mut self, now_us: u64) {
+        if self.options.emergency_stop.is_some_and(EmergencyStop::take) {
+            self.raise(now_us, Fault::EmergencyStop, None);
+        }
         match self.safety.newly_pressed() {
             Ok(false) => {}
             Ok(true) => self.raise(now_us, Fault::EmergencyStop, None),
             Err(PinFailure) => self.raise(now_us, Fault::Hardware, None),
         }
+        self.mind_temperature(now_us);
+        // Steps and shutter before bytes: what a packet takes to decode must not delay them.
+        if let Some(running) = self.running.take() {
+            self.go_on(now_us, running);
+        }
         while let Some(packet) = self.link.receive() {
             match packet {
                 ToController::Hello(hello) => {
+                    self.heard_us = now_us;
                     if self.link.greet(hello) {
-                        self.abandon();
+                        self.abandon(now_us);
+                    }
+                    // A host of another version would not understand.
+                    if self.link.is_open()
+                        && let Some(crash) = self.options.crash.take()
+                    {
+                        self.link.tell(Event::Crashed(crash));
                     }
                 }
-                ToController::Request(request) => self.take(now_us, &request),
+                ToController::Request(request) => {
+                    self.take(now_us, &request);
+                    while let Some(held) = self.link.next_held() {
+                        self.take(now_us, &held);
+                    }
+                }
             }
         }
-        if let Some(running) = self.running.take() {
-            self.go_on(now_us, running);
+        if now_us >= self.lease_end_us() {
+            self.expire(now_us);
+        }
+        // A board whose pins fail is better off with a reset, which puts them to their safe state.
+        if let Some(watchdog) = &mut self.options.watchdog
+            && !self.safety.faults().contains(Fault::Hardware)
+        {
+            watchdog.feed();
         }
         self.link.flush();
     }
 
     /// Ends what a host began that is no longer there.
-    fn abandon(&mut self) {
+    fn abandon(&mut self, now_us: u64) {
         if self.running.is_some() {
-            let _ = self.stop();
+            let _ = self.stop(now_us);
             if let Some(running) = &mut self.running {
                 running.request = None;
             }
@@ -133,6 +191,9 @@ impl<B: Board> Controller<B> {
     }
 
     fn take(&mut self, now_us: u64, request: &Request) {
+        if self.link.in_session(request) {
+            self.heard_us = now_us;
+        }
         let running = self.running.as_ref().and_then(|running| running.request);
         match self.link.admit(request, running) {
             Admission::Answer(outcome) => {
@@ -157,7 +218,7 @@ impl<B: Board> Controller<B> {
         match request.command {
             Command::Status => return Ok(Some(Answer::Status(self.status(now_us)?))),
             Command::Stop => {
-                self.stop()?;
+                self.stop(now_us)?;
                 return Ok(Some(Answer::Nothing));
             }
             Command::Lamp { on, level } => {
@@ -171,9 +232,16 @@ impl<B: Board> Controller<B> {
                 self.safety.clear()?;
                 return Ok(Some(Answer::Nothing));
             }
-            Command::Configure(_) | Command::Home | Command::MoveTo(_) | Command::Expose { .. } => {}
+            Command::Configure(_)
+            | Command::Home
+            | Command::HomeRepeatedly { .. }
+            | Command::CheckIndex
+            | Command::SaveParameters
+            | Command::MoveTo(_)
+            | Command::Retarget(_)
+            | Command::Expose { .. } => {}
         }
-        if self.running.is_some() {
+        if self.running.is_some() && !matches!(request.command, Command::Retarget(_)) {
             return Err(Refusal::Busy.into());
         }
         if let Command::Configure(configuration) = request.command {
@@ -181,13 +249,29 @@ impl<B: Board> Controller<B> {
             return Ok(Some(Answer::Nothing));
         }
         let configuration = self.configuration.ok_or(Refusal::NotConfigured)?;
+        if request.command == Command::SaveParameters {
+            let saved = self
+                .options
+                .storage
+                .as_mut()
+                .is_some_and(|storage| storage::save(&mut **storage, &configuration));
+            return if saved { Ok(Some(Answer::Nothing)) } else { Err(Refusal::NoStorage.into()) };
+        }
         self.safety.check()?;
         let task = match request.command {
             Command::MoveTo(targets) => self.begin_move(now_us, &configuration, targets)?,
+            Command::Retarget(targets) => self.retarget(now_us, &configuration, targets)?,
             Command::Expose { duration_us, warm_lamp } => {
                 self.begin_exposure(now_us, duration_us, warm_lamp)?
             }
-            _ => self.begin_homing(now_us, &configuration)?,
+            Command::CheckIndex => {
+                self.check_positions()?;
+                self.begin_homing(now_us, &configuration, Purpose::Check)?
+            }
+            Command::HomeRepeatedly { approaches } => {
+                self.begin_homing(now_us, &configuration, Purpose::Home { approaches })?
+            }
+            _ => self.begin_homing(now_us, &configuration, Purpose::Home { approaches: 1 })?,
         };
         self.running = Some(Running { task, request: Some(request.id) });
         Ok(None)
@@ -202,66 +286,13 @@ impl<B: Board> Controller<B> {
         Ok(())
     }
 
-    fn begin_homing(&mut self, now_us: u64, configuration: &Configuration) -> Result<Task, Trouble> {
-        let mut searches = [const { None }; AXES];
-        for ((search, axis), parameters) in searches.iter_mut().zip(&mut self.axes).zip(&configuration.axes) {
-            *search = Some(Homing::start(now_us, axis, parameters)?);
-        }
-        Ok(Task::Home(searches))
-    }
-
-    fn check_positions(&self) -> Result<(), Refusal> {
-        match Axis::ALL.into_iter().find(|axis| !self.axes[axis.index()].known) {
-            Some(axis) => Err(Refusal::PositionUnknown(axis)),
-            None => Ok(()),
-        }
-    }
-
-    fn begin_move(
-        &mut self,
-        now_us: u64,
-        configuration: &Configuration,
-        targets: [i32; AXES],
-    ) -> Result<Task, Trouble> {
-        self.check_positions()?;
-        for (axis, (target, p)) in Axis::ALL.into_iter().zip(targets.iter().zip(&configuration.axes)) {
-            if !(p.min_steps..=p.max_steps).contains(target) {
-                return Err(Refusal::OutOfLimits(axis).into());
-            }
-        }
-        let mut settle_ms = 0;
-        for ((axis, target), parameters) in self.axes.iter_mut().zip(targets).zip(&configuration.axes) {
-            if axis.move_to(now_us, target, parameters)? {
-                settle_ms = parameters.settle_ms.max(settle_ms);
-            }
-        }
-        Ok(Task::Move { settle_ms })
-    }
-
-    fn begin_exposure(&mut self, now_us: u64, duration_us: u32, warm_lamp: bool) -> Result<Task, Trouble> {
-        if !OPEN_US.contains(&duration_us) {
-            return Err(Refusal::BadParameter { axis: None, field: Field::Duration }.into());
-        }
-        self.check_positions()?;
-        let lamp = self.lamp_status(now_us);
-        if warm_lamp && !lamp.warm {
-            return Err(Refusal::LampNotWarm { remaining_s: lamp.on.then_some(lamp.remaining_s) }.into());
-        }
-        self.shutter.open(now_us, duration_us)?;
-        Ok(Task::Expose)
-    }
-
     /// Brings all axes to rest by their ramps and closes the shutter.
-    fn stop(&mut self) -> Result<(), PinFailure> {
-        self.axes.iter_mut().for_each(AxisDrive::stop);
+    fn stop(&mut self, now_us: u64) -> Result<(), PinFailure> {
+        self.axes.iter_mut().for_each(|axis| axis.stop(now_us));
         if let Some(running) = &mut self.running {
             running.task = Task::Stop;
         }
         self.shutter.close()
-    }
-
-    fn lamp_status(&self, now_us: u64) -> LampStatus {
-        self.lamp.status(now_us, self.configuration.map_or(0, |configuration| configuration.lamp_warm_up_s))
     }
 
     fn status(&mut self, now_us: u64) -> Result<Status, PinFailure> {
@@ -272,7 +303,7 @@ impl<B: Board> Controller<B> {
         Ok(Status {
             positions: self.positions(),
             known: array::from_fn(|axis| self.axes[axis].known),
-            moving: array::from_fn(|axis| self.axes[axis].moving()),
+            moving: self.moving(),
             at_switch,
             configured: self.configuration.is_some(),
             busy: self.running.is_some(),
@@ -307,16 +338,30 @@ impl<B: Board> Controller<B> {
 
     fn advance(&mut self, now_us: u64, task: &mut Task) -> Result<Option<Outcome>, (Fault, Option<Axis>)> {
         match task {
-            Task::Expose => {
-                let exposure =
-                    self.shutter.poll(now_us, &mut self.photodiode).map_err(|_| (Fault::Hardware, None))?;
-                return Ok(exposure.map(|exposure| Outcome::Done(Answer::Exposed(exposure))));
+            Task::AwaitCamera { look_us, until_us, duration_us, warm_lamp } => {
+                let awaited = (*until_us, *duration_us, *warm_lamp);
+                if now_us < *look_us {
+                    return Ok(None);
+                }
+                return match self.open_when_ready(now_us, awaited).map_err(|_| (Fault::Hardware, None))? {
+                    Some(next) => {
+                        *task = next;
+                        Ok(None)
+                    }
+                    None => Ok(Some(Outcome::Refused(Refusal::CameraNotReady))),
+                };
             }
-            Task::Settle { until_us } => {
-                let at = Outcome::Done(Answer::At(self.positions()));
-                return Ok((now_us >= *until_us).then_some(at));
+            Task::Expose { lit } => {
+                let lit = *lit;
+                return self.expose_on(now_us, lit).map_err(|fault| (fault, None));
             }
-            Task::Move { .. } | Task::Home(_) | Task::Stop => {}
+            Task::Settle { until_us, found } => {
+                if now_us < *until_us {
+                    return Ok(None);
+                }
+                return self.settled(now_us, *found).map(Some);
+            }
+            Task::Move { .. } | Task::Turn { .. } | Task::Home(..) | Task::Stop => {}
         }
         let mut resting = true;
         for axis in Axis::ALL {
@@ -327,48 +372,29 @@ impl<B: Board> Controller<B> {
             return Ok(None);
         }
         Ok(match task {
-            Task::Stop => Some(Outcome::Refused(Refusal::Stopped)),
+            Task::Turn { targets } => {
+                let (Some(configuration), targets) = (self.configuration, *targets) else { return Ok(None) };
+                *task =
+                    self.start_move(now_us, &configuration, targets).map_err(|_| (Fault::Hardware, None))?;
+                None
+            }
+            Task::Stop => Some(Outcome::Refused(self.safety.check().err().unwrap_or(Refusal::Stopped))),
             Task::Move { settle_ms } => {
-                *task = Task::Settle { until_us: now_us + u64::from(*settle_ms) * 1000 };
+                *task = Task::Settle { until_us: now_us + u64::from(*settle_ms) * 1000, found: None };
                 None
             }
-            _ => {
-                *task = Task::Settle { until_us: now_us + self.longest_settling_us() };
+            Task::Home(purpose, searches) => {
+                let found = Some(self.found(*purpose, searches));
+                *task = Task::Settle { until_us: now_us + self.longest_settling_us(), found };
                 None
             }
+            Task::Settle { .. } | Task::AwaitCamera { .. } | Task::Expose { .. } => None,
         })
     }
 
     fn longest_settling_us(&self) -> u64 {
         let axes = self.configuration.iter().flat_map(|configuration| &configuration.axes);
         axes.map(|p| u64::from(p.settle_ms) * 1000).max().unwrap_or(0)
-    }
-
-    /// Makes the axis's step if one is due, and minds its switch.
-    fn advance_axis(&mut self, now_us: u64, axis: Axis, task: &mut Task) -> Result<(), Fault> {
-        let drive = &mut self.axes[axis.index()];
-        let stepped = drive.poll(now_us).map_err(|_| Fault::Hardware)?;
-        let Some(parameters) = self.configuration.as_ref().map(|all| &all.axes[axis.index()]) else {
-            return Ok(());
-        };
-        if let Task::Home(searches) = task {
-            let Some(search) = &mut searches[axis.index()] else { return Ok(()) };
-            if stepped {
-                search.stepped(drive, parameters).map_err(|_| Fault::Hardware)?;
-            } else if !drive.moving() {
-                match search.rested(now_us, drive, parameters).map_err(|_| Fault::Hardware)? {
-                    Progress::Seeking | Progress::Homed => {}
-                    Progress::Failed => return Err(Fault::HomingFailed),
-                }
-            }
-            return Ok(());
-        }
-        // A stop while homing may come to rest on the switch; positions are unknown then anyway.
-        let toward_switch = drive.forward() == (parameters.home_direction == HomeDirection::Positive);
-        if stepped && toward_switch && drive.known && drive.at_switch().map_err(|_| Fault::Hardware)? {
-            return Err(Fault::LimitHit);
-        }
-        Ok(())
     }
 
     /// Ceases everything at once and remembers why. The lamp goes out only with the emergency stop: it takes long to warm.
@@ -378,11 +404,11 @@ impl<B: Board> Controller<B> {
             safe &= drive.cut().is_ok();
         }
         safe &= self.shutter.close().is_ok();
-        if fault == Fault::EmergencyStop {
+        if matches!(fault, Fault::EmergencyStop | Fault::OverTemperature) {
             safe &= self.lamp.switch(now_us, false, 0).is_ok();
         }
         if self.safety.latch(fault) {
-            self.link.send(&ToHost::Event(Event::Fault(FaultReport { fault, axis, at_us: now_us })));
+            self.link.tell(Event::Fault(FaultReport { fault, axis, at_us: now_us }));
         }
         if !safe {
             self.safety.latch(Fault::Hardware);

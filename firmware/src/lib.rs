@@ -8,12 +8,14 @@
 
 pub mod board;
 mod controller;
+pub mod driver;
 mod homing;
 mod lamp;
 mod link;
 mod motion;
-mod safety;
+pub mod safety;
 mod shutter;
+pub mod storage;
 
-pub use board::{AnalogInput, AxisPins, Board, ByteLink, Peripherals};
+pub use board::{AnalogInput, AxisPins, Board, ByteLink, Options, Peripherals, Watchdog};
 pub use controller::Controller;

@@ -3,10 +3,10 @@
 
 mod bench;
 
-use bench::{Rig, SESSION, SWITCH_AT, configuration};
+use bench::{Rig, SESSION, SWITCH_AT, configuration, refusal};
 use lobelia_protocol::{
-    Answer, Axis, Command, Event, Fault, Field, Hello, HomeDirection, Outcome, Refusal, Request,
-    ToController, ToHost, Verdict,
+    Answer, Axis, AxisParameters, Command, Configuration, Event, Fault, Field, Hello, HomeDirection, Outcome,
+    Refusal, Request, ToController, ToHost, Verdict,
 };
 use proptest::prelude::*;
 
@@ -14,13 +14,6 @@ use proptest::prelude::*;
 /// step is −1000.
 fn motor_position(position: i32) -> i64 {
     SWITCH_AT + 1 + 1000 + i64::from(position)
-}
-
-fn refusal(outcome: Outcome) -> Refusal {
-    match outcome {
-        Outcome::Refused(refusal) => refusal,
-        other => panic!("not refused: {other:?}"),
-    }
 }
 
 #[test]
@@ -70,13 +63,13 @@ fn homing_at_the_upper_end_measures_the_edge_upward() {
 #[test]
 fn repeated_request_is_not_run_twice() {
     let mut rig = Rig::homed();
-    let request = Request { session: SESSION, id: 50, command: Command::MoveTo([300, 200, 10, 400]) };
+    let request = Request { session: SESSION, id: 3, command: Command::MoveTo([300, 200, 10, 400]) };
     rig.send(&ToController::Request(request));
     rig.pass_event();
     rig.send(&ToController::Request(request));
     let running = rig.received();
     assert!(matches!(running[..], [ToHost::Response(response)] if response.outcome == Outcome::Running));
-    let done = rig.outcome(50);
+    let done = rig.outcome(3);
     let steps = rig.step_count();
     rig.send(&ToController::Request(request));
     let again = rig.received();
@@ -157,6 +150,82 @@ fn switch_that_closes_during_a_move_is_a_fault() {
 }
 
 #[test]
+fn repeated_homing_reports_the_spread_of_the_switch_and_bouncing_adds_none() {
+    for bouncy in [false, true] {
+        let mut rig = Rig::greeted(configuration());
+        rig.bench.borrow_mut().bouncy = bouncy;
+        let outcome = rig.ask(Command::HomeRepeatedly { approaches: 6 });
+        let Outcome::Done(Answer::Homed(report)) = outcome else { panic!("{outcome:?}") };
+        // A bounce can hide the edge from the very step that passes it.
+        assert!(report.spread_steps.iter().all(|&spread| spread <= u32::from(bouncy)), "{report:?}");
+        for (position, motor) in report.positions.iter().zip(rig.bench.borrow().motors) {
+            assert!((motor_position(*position) - motor).abs() <= i64::from(bouncy));
+        }
+        assert_eq!(report.approaches, 6);
+    }
+    let field = Refusal::BadParameter { axis: None, field: Field::Approaches };
+    assert_eq!(refusal(Rig::greeted(configuration()).ask(Command::HomeRepeatedly { approaches: 0 })), field);
+}
+
+#[test]
+fn spread_is_what_the_switch_moved_between_approaches() {
+    let mut rig = Rig::greeted(configuration());
+    let id = rig.begin(Command::HomeRepeatedly { approaches: 4 });
+    let shifts = [0, 3, -2, 1];
+    let (mut backed_off, mut away) = (0, false);
+    let outcome = loop {
+        rig.pass_event();
+        let far = rig.bench.borrow().motors[2] > SWITCH_AT + 30;
+        if far && !away && backed_off < shifts.len() {
+            rig.bench.borrow_mut().switch_shift[2] = shifts[backed_off];
+            backed_off += usize::from(rig.bench.borrow().steps[2].len() > 600);
+        }
+        away = far;
+        if let Some(outcome) = rig.answered(id) {
+            break outcome;
+        }
+    };
+    let Outcome::Done(Answer::Homed(report)) = outcome else { panic!("{outcome:?}") };
+    assert_eq!((report.spread_steps, backed_off), ([0, 0, 5, 0], 4));
+}
+
+#[test]
+fn check_keeps_positions_and_finds_lost_steps() {
+    let mut rig = Rig::homed();
+    rig.ask(Command::MoveTo([500; 4]));
+    assert_eq!(rig.ask(Command::CheckIndex), Outcome::Done(Answer::Checked([0; 4])));
+    rig.ask(Command::MoveTo([0; 4]));
+    assert_eq!(rig.bench.borrow().motors, [motor_position(0); 4]);
+    // Within the tolerance it is told and borne.
+    rig.bench.borrow_mut().motors[3] -= 2;
+    assert_eq!(rig.ask(Command::CheckIndex), Outcome::Done(Answer::Checked([0, 0, 0, 2])));
+    assert_eq!(rig.ask(Command::MoveTo([100; 4])), Outcome::Done(Answer::At([100; 4])));
+    rig.bench.borrow_mut().motors[1] += 9;
+    assert_eq!(rig.ask(Command::CheckIndex), Outcome::Done(Answer::Checked([0, -9, 0, 2])));
+    assert!(
+        matches!(refusal(rig.ask(Command::MoveTo([0; 4]))), Refusal::Faulted(faults) if faults.contains(Fault::StepsLost))
+    );
+    rig.ask(Command::ClearFaults);
+    assert_eq!(refusal(rig.ask(Command::MoveTo([0; 4]))), Refusal::PositionUnknown(Axis::Pan));
+    assert_eq!(refusal(rig.ask(Command::CheckIndex)), Refusal::PositionUnknown(Axis::Pan));
+}
+
+#[test]
+fn stall_ceases_all_steps_and_positions_are_unknown() {
+    let mut rig = Rig::homed();
+    let id = rig.begin(Command::MoveTo([2000; 4]));
+    for _ in 0..300 {
+        rig.pass_event();
+    }
+    rig.bench.borrow_mut().stalled[3] = true;
+    assert!(matches!(refusal(rig.outcome(id)), Refusal::Faulted(faults) if faults.contains(Fault::Stall)));
+    assert!(!rig.pass_event());
+    rig.bench.borrow_mut().stalled[3] = false;
+    rig.ask(Command::ClearFaults);
+    assert_eq!(refusal(rig.ask(Command::MoveTo([0; 4]))), Refusal::PositionUnknown(Axis::Pan));
+}
+
+#[test]
 fn homing_without_a_switch_fails_within_the_travel() {
     let mut rig = Rig::greeted(configuration());
     rig.bench.borrow_mut().motors[2] = 1_000_000;
@@ -201,20 +270,6 @@ fn commands_that_make_no_sense_are_refused_without_a_fault() {
 }
 
 #[test]
-fn exposure_opens_for_its_time_once_the_lamp_is_warm() {
-    let mut rig = Rig::homed();
-    rig.ask(Command::Lamp { on: true, level: 65535 });
-    let expose = Command::Expose { duration_us: 488, warm_lamp: true };
-    assert_eq!(refusal(rig.ask(expose)), Refusal::LampNotWarm { remaining_s: Some(10) });
-    rig.bench.borrow_mut().now_us += 10_000_000;
-    rig.bench.borrow_mut().shutter.clear();
-    let Outcome::Done(Answer::Exposed(exposure)) = rig.ask(expose) else { panic!("no exposure") };
-    assert_eq!((exposure.open_us, exposure.reference_q8, exposure.readings), (488, 1234 * 256, 16));
-    let start = exposure.start_us;
-    assert_eq!(rig.bench.borrow().shutter, [(start, true), (start + 488, false)]);
-}
-
-#[test]
 fn same_configuration_again_keeps_positions_and_another_forgets_them() {
     let mut rig = Rig::homed();
     rig.ask(Command::Configure(configuration()));
@@ -223,6 +278,88 @@ fn same_configuration_again_keeps_positions_and_another_forgets_them() {
     other.axes[0].home_position -= 1;
     rig.ask(Command::Configure(other));
     assert_eq!(refusal(rig.ask(Command::MoveTo([0; 4]))), Refusal::PositionUnknown(Axis::Pan));
+}
+
+#[test]
+fn coordinated_axes_arrive_at_once_and_others_each_as_soon_as_they_can() {
+    for coordinated in [true, false] {
+        let mut rig = Rig::greeted(Configuration { coordinated, ..configuration() });
+        rig.ask(Command::Home);
+        rig.ask(Command::MoveTo([0; 4]));
+        rig.bench.borrow_mut().steps = Default::default();
+        // Tilt and roll end downward and so take up their play.
+        let id = rig.begin(Command::MoveTo([900, -700, -40, 4000]));
+        let mut rested_us = [0; 4];
+        loop {
+            let before = rig.moving();
+            assert!(rig.pass_event());
+            for (axis, moving) in rig.moving().into_iter().enumerate() {
+                if before[axis] && !moving {
+                    rested_us[axis] = rig.bench.borrow().now_us;
+                }
+            }
+            if rig.moving() == [false; 4] {
+                break;
+            }
+        }
+        let apart = rested_us.iter().max().unwrap() - rested_us.iter().min().unwrap();
+        assert_eq!(apart <= 2, coordinated, "{rested_us:?}");
+        assert_eq!(rig.outcome(id), Outcome::Done(Answer::At([900, -700, -40, 4000])));
+    }
+}
+
+#[test]
+fn full_turn_axis_goes_the_shorter_way_through_zero_and_keeps_its_names() {
+    let mut round = configuration();
+    let roll = &mut round.axes[2];
+    (roll.full_turn_steps, roll.min_steps, roll.max_steps) = (2000, -1000, 999);
+    let mut rig = Rig::greeted(round);
+    rig.ask(Command::Home);
+    for (target, way) in
+        [(0, None), (900, Some(900)), (-900, Some(200)), (950, Some(-150)), (-1000, Some(50))]
+    {
+        let before = rig.bench.borrow().motors[2];
+        let targets = [0, 0, target, 0];
+        assert_eq!(rig.ask(Command::MoveTo(targets)), Outcome::Done(Answer::At(targets)));
+        let went = rig.bench.borrow().motors[2] - before;
+        assert!(way.is_none_or(|way| way == went), "{went} steps to {target}");
+    }
+    round.axes[2].full_turn_steps = 1998;
+    let field = Refusal::BadParameter { axis: Some(Axis::Roll), field: Field::FullTurn };
+    assert_eq!(refusal(rig.ask(Command::Configure(round))), field);
+}
+
+#[test]
+fn retargeted_move_is_answered_as_stopped_and_ends_on_the_new_target() {
+    for coordinated in [true, false] {
+        for (events, targets) in [(40, [3000, 100, -600, 4000]), (2500, [-800, 2000, 500, 1500])] {
+            let mut rig = Rig::greeted(Configuration { coordinated, ..configuration() });
+            rig.ask(Command::Home);
+            rig.ask(Command::MoveTo([0; 4]));
+            let first = rig.begin(Command::MoveTo([2000; 4]));
+            for _ in 0..events {
+                rig.pass_event();
+            }
+            rig.bench.borrow_mut().steps = Default::default();
+            let second = rig.begin(Command::Retarget(targets));
+            assert_eq!(refusal(rig.outcome(first)), Refusal::Stopped);
+            assert_eq!(rig.outcome(second), Outcome::Done(Answer::At(targets)));
+            assert_eq!(rig.bench.borrow().motors, targets.map(motor_position));
+            for (steps, p) in rig.bench.borrow().steps.iter().zip(&configuration().axes) {
+                check_limits(steps, p).unwrap();
+                assert!(steps.iter().rev().take(40).all(|&(_, up)| up), "the play isn't taken up");
+            }
+        }
+    }
+}
+
+#[test]
+fn retarget_beyond_the_limits_changes_nothing() {
+    let mut rig = Rig::homed();
+    let id = rig.begin(Command::MoveTo([500; 4]));
+    rig.pass_event();
+    assert_eq!(refusal(rig.ask(Command::Retarget([0, 5001, 0, 0]))), Refusal::OutOfLimits(Axis::Tilt));
+    assert_eq!(rig.outcome(id), Outcome::Done(Answer::At([500; 4])));
 }
 
 proptest! {
@@ -241,25 +378,36 @@ proptest! {
                 prop_assert_eq!(bench.motors[axis], motor_position(target[axis]));
                 let steps = &bench.steps[axis];
                 prop_assert!(steps.iter().rev().take(40).all(|&(_, up)| up), "the play isn't taken up");
-                check_limits(steps, parameters.max_speed, parameters.acceleration)?;
+                check_limits(steps, parameters)?;
             }
             prop_assert!(!bench.pulse_too_short);
         }
     }
 }
 
-/// Speeds and their changes at the emitted step times, which are whole µs; runs in one direction are told apart.
-fn check_limits(steps: &[(u64, bool)], max_speed: u32, acceleration: u32) -> Result<(), TestCaseError> {
+/// Speed, acceleration and jerk at the emitted step times, which are whole µs; runs in one direction are told apart. The n-th
+/// divided difference times n! is a mean of the n-th derivative; steps 40 apart leave little of the rounding.
+fn check_limits(steps: &[(u64, bool)], p: &AxisParameters) -> Result<(), TestCaseError> {
     for run in steps.chunk_by(|a, b| a.1 == b.1) {
         for pair in run.windows(2) {
             let least_interval = (pair[1].0 - pair[0].0 + 1) as f64 * 1e-6;
-            prop_assert!(1.0 / least_interval <= f64::from(max_speed) * 1.0001);
+            prop_assert!(1.0 / least_interval <= f64::from(p.max_speed) * 1.0001);
         }
-        for three in run.windows(3) {
-            let (a, b) = (three[1].0 - three[0].0, three[2].0 - three[1].0);
-            let change = 1e6 / (a.min(b) + 1) as f64 - 1e6 / (a.max(b) - 1) as f64;
-            let over = (a + b + 2) as f64 * 0.5e-6;
-            prop_assert!(change / over <= f64::from(acceleration) * 1.01, "{:?}", three);
+        // A turn between two runs upward takes at least this long; a derivative means nothing across it.
+        for four in run.windows(121).step_by(7) {
+            let at = [0, 40, 80, 120].map(|k| four[k].0 as f64 * 1e-6);
+            let first = [0, 1, 2].map(|k| 40.0 / (at[k + 1] - at[k]));
+            let second = [0, 1].map(|k| (first[k + 1] - first[k]) / (at[k + 2] - at[k]) * 2.0);
+            let third = (second[1] - second[0]) / (at[3] - at[0]) * 3.0;
+            // ±1 µs on each time, at the highest speed.
+            let blur = 4e-6 * f64::from(p.max_speed) / (at[3] - at[0]).powi(2) * 9.0;
+            prop_assert!(
+                second.iter().all(|a| a.abs() <= f64::from(p.acceleration) * 1.001 + 2.0 * blur),
+                "{:?}",
+                at
+            );
+            let blur = 8e-6 * f64::from(p.max_speed) / (at[3] - at[0]).powi(3) * 162.0;
+            prop_assert!(third.abs() <= f64::from(p.jerk) * 1.001 + blur, "jerk {} at {:?}", third, at);
         }
     }
     Ok(())

@@ -48,6 +48,8 @@ pub struct AxisMechanics {
     pub max_speed_deg_s: f64,
     /// Acceleration, °/s².
     pub acceleration_deg_s2: f64,
+    /// Change of acceleration, °/s³.
+    pub jerk_deg_s3: f64,
 }
 
 /// The lamp and the photodiode beside it.
@@ -117,6 +119,13 @@ impl MechanicsConfig {
         Configuration {
             axes: self.axes().map(AxisMechanics::parameters),
             lamp_warm_up_s: self.lamp.warm_up_s,
+            lamp_least_reading: (self.lamp.photodiode_counts / 10.0) as u16,
+            // A simulated host may take its time.
+            lease_ms: 0,
+            lamp_lease_ms: 0,
+            lamp_safe_level: 0,
+            camera_wait_ms: 2000,
+            coordinated: true,
         }
     }
 }
@@ -135,6 +144,7 @@ impl AxisMechanics {
             start_deg: 10.0,
             max_speed_deg_s: 60.0,
             acceleration_deg_s2: 120.0,
+            jerk_deg_s3: 1200.0,
         }
     }
 
@@ -168,6 +178,7 @@ impl AxisMechanics {
             start_deg: 60.0,
             max_speed_deg_s: 20.0,
             acceleration_deg_s2: 40.0,
+            jerk_deg_s3: 400.0,
         }
     }
 
@@ -190,6 +201,8 @@ impl AxisMechanics {
             max_steps: self.steps(self.limits_deg[1]),
             max_speed: steps(self.max_speed_deg_s),
             acceleration: steps(self.acceleration_deg_s2),
+            jerk: steps(self.jerk_deg_s3),
+            full_turn_steps: 0,
             take_up_steps: steps(2.0 * self.backlash_deg) + 10,
             settle_ms: 200,
             home_direction: HomeDirection::Negative,
@@ -198,6 +211,8 @@ impl AxisMechanics {
             home_slow_speed: steps(self.max_speed_deg_s / 60.0),
             home_back_off: steps(1.0),
             home_travel: steps(travel),
+            home_debounce_us: 3000,
+            index_tolerance: 4,
         }
     }
 }
@@ -216,13 +231,16 @@ struct AxisOverrides {
     start_deg: Option<f64>,
     max_speed_deg_s: Option<f64>,
     acceleration_deg_s2: Option<f64>,
+    jerk_deg_s3: Option<f64>,
 }
 
 fn over<'de, D: Deserializer<'de>>(base: AxisMechanics, from: D) -> Result<AxisMechanics, D::Error> {
     let given = AxisOverrides::deserialize(from)?;
-    let positive = [given.degrees_per_step, given.max_speed_deg_s, given.acceleration_deg_s2];
+    let positive =
+        [given.degrees_per_step, given.max_speed_deg_s, given.acceleration_deg_s2, given.jerk_deg_s3];
     if positive.into_iter().flatten().any(|value| !(value > 0.0 && value.is_finite())) {
-        let names = "degrees_per_step, max_speed_deg_s and acceleration_deg_s2 have to be above 0";
+        let names =
+            "degrees_per_step, max_speed_deg_s, acceleration_deg_s2 and jerk_deg_s3 have to be above 0";
         return Err(serde::de::Error::custom(names));
     }
     Ok(AxisMechanics {
@@ -236,6 +254,7 @@ fn over<'de, D: Deserializer<'de>>(base: AxisMechanics, from: D) -> Result<AxisM
         start_deg: given.start_deg.unwrap_or(base.start_deg),
         max_speed_deg_s: given.max_speed_deg_s.unwrap_or(base.max_speed_deg_s),
         acceleration_deg_s2: given.acceleration_deg_s2.unwrap_or(base.acceleration_deg_s2),
+        jerk_deg_s3: given.jerk_deg_s3.unwrap_or(base.jerk_deg_s3),
     })
 }
 

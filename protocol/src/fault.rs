@@ -15,20 +15,40 @@ pub enum Fault {
     HomingFailed,
     /// A pin could not be driven or read.
     Hardware,
+    /// A check found the home switch elsewhere than it should be: steps were lost.
+    StepsLost,
+    /// A motor's driver reported a stall.
+    Stall,
+    /// Lamp or driver is too hot.
+    OverTemperature,
+    /// The lamp was on and warm, but its photodiode stayed dark.
+    LampFailure,
+    /// No request came for the time of the lease.
+    LeaseExpired,
 }
 
 impl Fault {
     /// Every fault, in the order of its bit in [`Faults`].
-    pub const ALL: [Self; 4] = [Self::EmergencyStop, Self::LimitHit, Self::HomingFailed, Self::Hardware];
+    pub const ALL: [Self; 9] = [
+        Self::EmergencyStop,
+        Self::LimitHit,
+        Self::HomingFailed,
+        Self::Hardware,
+        Self::StepsLost,
+        Self::Stall,
+        Self::OverTemperature,
+        Self::LampFailure,
+        Self::LeaseExpired,
+    ];
 
-    const fn bit(self) -> u8 {
+    const fn bit(self) -> u16 {
         1 << self as u8
     }
 }
 
 /// A set of faults.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
-pub struct Faults(u8);
+pub struct Faults(u16);
 
 impl Faults {
     /// No fault.

@@ -60,6 +60,11 @@ pub struct AxisParameters {
     pub max_speed: u32,
     /// Acceleration and deceleration, steps/s².
     pub acceleration: u32,
+    /// Highest change of acceleration, steps/s³.
+    pub jerk: u32,
+    /// Steps of a full turn, on an axis that can turn round and round: a move then goes the shorter way, and the limits
+    /// hold for the position within the turn. 0 on any other axis.
+    pub full_turn_steps: u32,
     /// Length of the approach in the positive direction that ends each move, in steps; more than the backlash.
     pub take_up_steps: u32,
     /// Rest after a move before it counts as done, in ms.
@@ -76,6 +81,10 @@ pub struct AxisParameters {
     pub home_back_off: u32,
     /// Homing fails when the switch isn't found within this travel, in steps.
     pub home_travel: u32,
+    /// The switch counts as closed or open once it has been so for this long, in µs.
+    pub home_debounce_us: u16,
+    /// A check of the position passes when the switch's edge is found this near to where it should be, in steps.
+    pub index_tolerance: u16,
 }
 
 /// All that the controller has to know of the rig.
@@ -85,9 +94,26 @@ pub struct Configuration {
     pub axes: [AxisParameters; AXES],
     /// How long the lamp has to burn until it is warm, in s.
     pub lamp_warm_up_s: u16,
+    /// In an exposure that needs the warm lamp, a mean reading of the photodiode below this, for full level, means that the lamp
+    /// has failed; counts, 0 to not look.
+    pub lamp_least_reading: u16,
+    /// Without a request for this long while something is being run, the controller stops smoothly, puts the lamp to its safe
+    /// level and raises a fault; ms, 0 for never.
+    pub lease_ms: u32,
+    /// The same while the lamp burns, ms.
+    pub lamp_lease_ms: u32,
+    /// The lamp's level when the lease has run out, of 65535; at 0 it is switched off.
+    pub lamp_safe_level: u16,
+    /// How long an exposure waits for the camera to be ready, where the board has an input for that, in ms.
+    pub camera_wait_ms: u16,
+    /// Whether the axes of a move arrive all at once, each slowed down to the slowest one's time; or else each as soon as it
+    /// can.
+    pub coordinated: bool,
 }
 
 /// What the host asks for.
+// There is no heap to box a configuration on.
+#[expect(clippy::large_enum_variant)]
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Command {
     /// Sets the rig's parameters. Positions become unknown if they differ from those set.
@@ -116,6 +142,19 @@ pub enum Command {
     Status,
     /// Forgets the faults; positions stay unknown until the next homing.
     ClearFaults,
+    /// Like [`Self::MoveTo`], but also while a move is being run, which is then answered as stopped: axes whose new target lies ahead
+    /// go on to it, the others brake and turn.
+    Retarget([i32; AXES]),
+    /// Homes like [`Self::Home`], but approaches each switch slowly so many times, 1 to 100, and reports how the edges scatter.
+    HomeRepeatedly {
+        /// How many times.
+        approaches: u8,
+    },
+    /// Looks for the home switches as homing does, but keeps the positions, and reports how many steps were lost since. More
+    /// than the tolerance is a fault.
+    CheckIndex,
+    /// Stores the configuration, to be there after the next power-up.
+    SaveParameters,
 }
 
 /// A command with the id by which a repetition is known.
@@ -123,7 +162,7 @@ pub enum Command {
 pub struct Request {
     /// The session opened by the hello.
     pub session: u32,
-    /// Rises from request to request; a repetition bears the same.
+    /// 1 for the session's first request, then one more for each; a repetition bears the same.
     pub id: u32,
     /// What to do.
     pub command: Command,
@@ -147,7 +186,8 @@ pub enum Outcome {
     Done(Answer),
     /// Not done, or given up.
     Refused(Refusal),
-    /// A repetition of the request that is being run: its answer comes when it has finished.
+    /// A repetition of the request that is being run, or one that waits until those before it have come: its answer comes
+    /// later.
     Running,
 }
 
@@ -162,6 +202,21 @@ pub enum Answer {
     Exposed(Exposure),
     /// How things stand.
     Status(Status),
+    /// After repeated homing.
+    Homed(HomingReport),
+    /// Of each axis: by how many steps the position counted was above the true one.
+    Checked([i32; AXES]),
+}
+
+/// What repeated homing found.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+pub struct HomingReport {
+    /// Positions after homing, in steps.
+    pub positions: [i32; AXES],
+    /// Between the lowest and the highest position of the switch's edge over all approaches, in steps.
+    pub spread_steps: [u32; AXES],
+    /// How many approaches.
+    pub approaches: u8,
 }
 
 /// An exposure as it happened.
@@ -175,6 +230,8 @@ pub struct Exposure {
     pub reference_q8: u32,
     /// Number of photodiode readings in that mean.
     pub readings: u32,
+    /// How much the lamp flickered: standard deviation of the readings over their mean, in millionths.
+    pub flicker_ppm: u32,
 }
 
 /// Why a request isn't done.
@@ -210,6 +267,17 @@ pub enum Refusal {
     EmergencyStopPressed,
     /// Given up because of a stop.
     Stopped,
+    /// The camera wasn't ready in time.
+    CameraNotReady,
+    /// The shutter closed so much later than asked for: the exposure has to be repeated.
+    ShutterLate {
+        /// By how much, µs.
+        late_us: u32,
+    },
+    /// The id is too far ahead of the last one: too many requests are in flight.
+    OutOfWindow,
+    /// The controller has no memory for parameters, or it can't be written.
+    NoStorage,
 }
 
 /// A parameter that can be out of range.
@@ -219,7 +287,7 @@ pub enum Field {
     Limits,
     /// `max_speed`.
     MaxSpeed,
-    /// `acceleration`.
+    /// `acceleration`: too high, or so low that reaching the highest speed takes over 1000 s.
     Acceleration,
     /// `take_up_steps`.
     TakeUp,
@@ -231,6 +299,12 @@ pub enum Field {
     HomeTravel,
     /// An exposure's `duration_us`.
     Duration,
+    /// `jerk`.
+    Jerk,
+    /// `full_turn_steps`: less than the limits span, or not above twice the take-up.
+    FullTurn,
+    /// `approaches` of repeated homing.
+    Approaches,
 }
 
 /// How things stand.
@@ -271,9 +345,33 @@ pub struct LampStatus {
     pub remaining_s: u16,
 }
 
+/// Why a controller crashed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+pub enum CrashCause {
+    /// The program found itself in an impossible state.
+    Panic,
+    /// The stack grew over its end.
+    StackOverflow,
+    /// The processor met something that it can't run.
+    HardFault,
+    /// The watchdog wasn't fed.
+    Watchdog,
+}
+
+/// What a crash left behind.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+pub struct CrashRecord {
+    /// Why.
+    pub cause: CrashCause,
+    /// Where: a source line for a panic, else an address, as the cause has it; 0 when unknown.
+    pub place: u32,
+}
+
 /// What the controller tells unasked.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Event {
     /// A fault was raised.
     Fault(FaultReport),
+    /// The controller crashed before it was started last. Told once, after a hello.
+    Crashed(CrashRecord),
 }

@@ -2,9 +2,9 @@
 
 use lobelia_protocol::frame::{self, MAX_PAYLOAD};
 use lobelia_protocol::{
-    Answer, Axis, AxisParameters, Command, Configuration, Event, Exposure, Fault, FaultReport, Faults, Field,
-    FrameDecoder, FrameError, Hello, HelloReply, HomeDirection, LampStatus, Outcome, Refusal, Request,
-    Response, Status, ToController, ToHost, Verdict, schema,
+    Answer, Axis, AxisParameters, Command, Configuration, CrashCause, CrashRecord, Event, Exposure, Fault,
+    FaultReport, Faults, Field, FrameDecoder, FrameError, Hello, HelloReply, HomeDirection, HomingReport,
+    LampStatus, Outcome, Refusal, Request, Response, Status, ToController, ToHost, Verdict, schema,
 };
 use proptest::collection::vec;
 use proptest::prelude::*;
@@ -27,6 +27,8 @@ fn axis_parameters(base: i32) -> AxisParameters {
         max_steps: base + 100_000,
         max_speed: 4000,
         acceleration: 8000,
+        jerk: 90_000,
+        full_turn_steps: 27_907,
         take_up_steps: 40,
         settle_ms: 250,
         home_direction: HomeDirection::Negative,
@@ -35,6 +37,8 @@ fn axis_parameters(base: i32) -> AxisParameters {
         home_slow_speed: 100,
         home_back_off: 200,
         home_travel: u32::MAX,
+        home_debounce_us: 3000,
+        index_tolerance: 4,
     }
 }
 
@@ -44,6 +48,12 @@ fn commands() -> Vec<Command> {
         Command::Configure(Configuration {
             axes: [0, 1, -2, i32::MAX - 100_000].map(axis_parameters),
             lamp_warm_up_s: 900,
+            lamp_least_reading: 300,
+            lease_ms: 2000,
+            lamp_lease_ms: 60_000,
+            lamp_safe_level: 9000,
+            camera_wait_ms: 2000,
+            coordinated: true,
         }),
         Command::Home,
         Command::MoveTo([0, -1, i32::MIN, i32::MAX]),
@@ -52,6 +62,10 @@ fn commands() -> Vec<Command> {
         Command::Expose { duration_us: 500_000, warm_lamp: true },
         Command::Status,
         Command::ClearFaults,
+        Command::Retarget([1, -1, i32::MIN, i32::MAX]),
+        Command::HomeRepeatedly { approaches: 5 },
+        Command::CheckIndex,
+        Command::SaveParameters,
     ]
 }
 
@@ -75,8 +89,16 @@ fn outcomes() -> Vec<Outcome> {
     let mut all: Vec<_> = [
         Answer::Nothing,
         Answer::At([1, -2, 3, -4]),
-        Answer::Exposed(Exposure { start_us: u64::MAX, open_us: 488, reference_q8: 1 << 20, readings: 64 }),
+        Answer::Exposed(Exposure {
+            start_us: u64::MAX,
+            open_us: 488,
+            reference_q8: 1 << 20,
+            readings: 64,
+            flicker_ppm: 900,
+        }),
         Answer::Status(status()),
+        Answer::Homed(HomingReport { positions: [1, 2, 3, 4], spread_steps: [0, 1, 2, 3], approaches: 5 }),
+        Answer::Checked([0, 1, -1, 900]),
     ]
     .map(Outcome::Done)
     .to_vec();
@@ -93,6 +115,10 @@ fn outcomes() -> Vec<Outcome> {
             Refusal::Faulted(Faults::from_iter([Fault::LimitHit, Fault::Hardware])),
             Refusal::EmergencyStopPressed,
             Refusal::Stopped,
+            Refusal::CameraNotReady,
+            Refusal::ShutterLate { late_us: 12 },
+            Refusal::OutOfWindow,
+            Refusal::NoStorage,
         ]
         .map(Outcome::Refused),
     );
@@ -112,10 +138,15 @@ fn to_host() -> Vec<ToHost> {
         .into_iter()
         .map(|outcome| ToHost::Response(Response { session: u32::MAX, id: u32::MAX, outcome }));
     let fault = FaultReport { fault: Fault::HomingFailed, axis: Some(Axis::Light), at_us: u64::MAX };
-    [ToHost::Hello(Hello::new(7).reply()), ToHost::Event(Event::Fault(fault))]
-        .into_iter()
-        .chain(responses)
-        .collect()
+    let crash = CrashRecord { cause: CrashCause::Watchdog, place: 77 };
+    [
+        ToHost::Hello(Hello::new(7).reply()),
+        ToHost::Event(Event::Fault(fault)),
+        ToHost::Event(Event::Crashed(crash)),
+    ]
+    .into_iter()
+    .chain(responses)
+    .collect()
 }
 
 #[test]
@@ -144,7 +175,7 @@ fn bytes_of_messages_change_only_together_with_the_schema_identity() {
     let pinned = (schema::VERSION, schema::IDENTITY, schema::identity(0, &bytes));
     assert_eq!(
         pinned,
-        (1, 3_404_114_671_422_844_944, 18_354_973_260_433_548_386),
+        (2, 16_659_785_821_898_396_137, 6_223_815_578_139_945_509),
         "raise schema::VERSION, describe the change in schema::TEXT, then pin"
     );
 }

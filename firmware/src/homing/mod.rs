@@ -1,8 +1,9 @@
-//! Homing of one axis: seek the switch, back off, seek again slowly, and take the switch's edge for the position that
-//! the configuration gives it.
+//! Homing of one axis, and checking without forgetting: seek the switch, back off, seek again slowly, and take the switch's
+//! edge for the position that the configuration gives it; or compare the two.
 //!
 //! The edge is always measured upward: with the switch at the lower end, as it opens on the way out; with the switch at
-//! the upper end, as it closes on the way in. So the play is on the same side as after every move.
+//! the upper end, as it closes on the way in. So the play is on the same side as after every move. An edge counts once
+//! the switch has kept its new state for the debounce time; its position is that of the first step that saw it.
 
 use lobelia_protocol::{AxisParameters, HomeDirection};
 
@@ -20,8 +21,20 @@ enum Phase {
     SlowSeek,
     /// Slowly upward, until it opens: only with the switch at the lower end.
     Leave,
-    /// At rest, position known.
+    /// At rest, edge measured.
     Done,
+}
+
+/// What a search is for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Purpose {
+    /// To find the position, after so many slow approaches.
+    Home {
+        /// At least 1.
+        approaches: u8,
+    },
+    /// To see whether the position counted is still right.
+    Check,
 }
 
 /// How far homing has got, or that it can't.
@@ -29,8 +42,8 @@ enum Phase {
 pub(crate) enum Progress {
     /// Under way.
     Seeking,
-    /// Position known.
-    Homed,
+    /// The edge was measured.
+    Measured,
     /// The switch didn't close, or open, within the travel.
     Failed,
 }
@@ -38,28 +51,55 @@ pub(crate) enum Progress {
 /// One axis's search for its home.
 #[derive(Debug)]
 pub(crate) struct Homing {
+    purpose: Purpose,
     phase: Phase,
-    /// Where the switch closed or opened in this phase, as it should.
+    /// Where and when the switch was first seen in the state awaited, unless it has changed back.
+    candidate: Option<(i32, u64)>,
+    /// Where it closed or opened in this phase, as it should.
     edge: Option<i32>,
+    approaches_left: u8,
+    /// Lowest and highest edge of the approaches so far.
+    edges: Option<(i32, i32)>,
+    /// The edge's position as counted before, less what it should be.
+    lost: i32,
 }
 
 impl Homing {
     /// Begins.
     pub(crate) fn start<B: Board>(
         now_us: u64,
+        purpose: Purpose,
         axis: &mut AxisDrive<B>,
         p: &AxisParameters,
     ) -> Result<Self, PinFailure> {
-        axis.forget();
+        let approaches_left = match purpose {
+            Purpose::Home { approaches } => {
+                axis.forget();
+                approaches
+            }
+            Purpose::Check => 1,
+        };
         let phase = if axis.at_switch()? { Phase::BackOff } else { Phase::Seek };
-        let mut homing = Self { phase, edge: None };
+        let mut homing =
+            Self { purpose, phase, candidate: None, edge: None, approaches_left, edges: None, lost: 0 };
         homing.enter(phase, now_us, axis, p)?;
         Ok(homing)
+    }
+
+    /// Steps between the farthest edges of all approaches.
+    pub(crate) fn spread(&self) -> u32 {
+        self.edges.map_or(0, |(lowest, highest)| highest.abs_diff(lowest))
+    }
+
+    /// Steps that the position counted was too high by, when checked.
+    pub(crate) fn lost(&self) -> i32 {
+        self.lost
     }
 
     /// After each step: looks at the switch.
     pub(crate) fn stepped<B: Board>(
         &mut self,
+        now_us: u64,
         axis: &mut AxisDrive<B>,
         p: &AxisParameters,
     ) -> Result<(), PinFailure> {
@@ -67,9 +107,14 @@ impl Homing {
             return Ok(());
         }
         let awaited = matches!(self.phase, Phase::Seek | Phase::SlowSeek);
-        if axis.at_switch()? == awaited {
-            self.edge = Some(axis.position());
-            axis.shorten(if self.phase == Phase::BackOff { p.home_back_off } else { 0 });
+        if axis.at_switch()? != awaited {
+            self.candidate = None;
+            return Ok(());
+        }
+        let (position, since_us) = *self.candidate.get_or_insert((axis.position(), now_us));
+        if now_us - since_us >= u64::from(p.home_debounce_us) {
+            self.edge = Some(position);
+            axis.shorten(now_us, if self.phase == Phase::BackOff { p.home_back_off } else { 0 });
         }
         Ok(())
     }
@@ -82,7 +127,7 @@ impl Homing {
         p: &AxisParameters,
     ) -> Result<Progress, PinFailure> {
         if self.phase == Phase::Done {
-            return Ok(Progress::Homed);
+            return Ok(Progress::Measured);
         }
         let Some(edge) = self.edge else {
             return Ok(Progress::Failed);
@@ -92,13 +137,29 @@ impl Homing {
             (Phase::BackOff, _) => Phase::SlowSeek,
             (Phase::SlowSeek, HomeDirection::Negative) => Phase::Leave,
             (Phase::SlowSeek, HomeDirection::Positive) | (Phase::Leave | Phase::Done, _) => {
-                axis.homed(p.home_position + (axis.position() - edge));
-                self.phase = Phase::Done;
-                return Ok(Progress::Homed);
+                let (lowest, highest) = self.edges.unwrap_or((edge, edge));
+                self.edges = Some((lowest.min(edge), highest.max(edge)));
+                self.approaches_left = self.approaches_left.saturating_sub(1);
+                if self.approaches_left == 0 {
+                    self.conclude(edge, axis, p);
+                    return Ok(Progress::Measured);
+                }
+                Phase::BackOff
             }
         };
         self.enter(next, now_us, axis, p)?;
         Ok(Progress::Seeking)
+    }
+
+    fn conclude<B: Board>(&mut self, edge: i32, axis: &mut AxisDrive<B>, p: &AxisParameters) {
+        self.phase = Phase::Done;
+        match self.purpose {
+            Purpose::Home { .. } => axis.homed(p.home_position + (axis.position() - edge)),
+            Purpose::Check => {
+                self.lost = whole_turns_off(edge.saturating_sub(p.home_position), p.full_turn_steps);
+                axis.homed(axis.position());
+            }
+        }
     }
 
     fn enter<B: Board>(
@@ -110,6 +171,7 @@ impl Homing {
     ) -> Result<(), PinFailure> {
         self.phase = phase;
         self.edge = None;
+        self.candidate = None;
         let toward_switch = matches!(phase, Phase::Seek | Phase::SlowSeek);
         let fast = matches!(phase, Phase::Seek | Phase::BackOff);
         let speed = if fast { p.home_speed } else { p.home_slow_speed };
@@ -120,6 +182,16 @@ impl Homing {
         } else {
             position.saturating_sub_unsigned(p.home_travel)
         };
-        axis.run(now_us, target, speed, p.acceleration)
+        axis.run(now_us, target, speed, p)
     }
+}
+
+/// A difference of positions on an axis that may have gone round.
+fn whole_turns_off(difference: i32, full_turn: u32) -> i32 {
+    let turn = full_turn as i32;
+    if turn == 0 {
+        return difference;
+    }
+    let positive = difference.rem_euclid(turn);
+    if positive > turn / 2 { positive - turn } else { positive }
 }

@@ -6,6 +6,10 @@ use lobelia_protocol::{Axis, AxisParameters, Configuration, Field, HomeDirection
 const MAX_SPEED: u32 = 200_000;
 /// Highest acceleration, steps/s².
 const MAX_ACCELERATION: u32 = 10_000_000;
+/// Highest jerk, steps/s³.
+const MAX_JERK: u32 = 1_000_000_000;
+/// Longest time to reach the highest speed, s: step times keep their precision up to here.
+const MAX_RAMP_S: u32 = 1000;
 /// Farthest position from 0, in steps.
 const FARTHEST: i32 = 1 << 29;
 /// Longest take-up, in steps.
@@ -30,8 +34,13 @@ fn bad_field(p: &AxisParameters) -> Option<Field> {
             Field::Limits,
         ),
         ((1..=MAX_SPEED).contains(&p.max_speed), Field::MaxSpeed),
-        ((1..=MAX_ACCELERATION).contains(&p.acceleration), Field::Acceleration),
+        (
+            (1..=MAX_ACCELERATION).contains(&p.acceleration) && p.max_speed / MAX_RAMP_S <= p.acceleration,
+            Field::Acceleration,
+        ),
+        ((1..=MAX_JERK).contains(&p.jerk), Field::Jerk),
         (p.take_up_steps <= MAX_TAKE_UP, Field::TakeUp),
+        (p.full_turn_steps == 0 || turn_holds_limits(p), Field::FullTurn),
         (range.contains(&p.home_position) && switch_is_beyond_limits(p), Field::HomePosition),
         (speeds.contains(&p.home_speed) && speeds.contains(&p.home_slow_speed), Field::HomeSpeed),
         (p.home_travel <= FARTHEST as u32 && p.home_back_off <= p.home_travel, Field::HomeTravel),
@@ -39,8 +48,17 @@ fn bad_field(p: &AxisParameters) -> Option<Field> {
     checks.into_iter().find_map(|(good, field)| (!good).then_some(field))
 }
 
-/// A move within the limits, take-up included, must not reach the switch.
+/// Every position within the limits stands for one angle, and a take-up is shorter than half a turn.
+fn turn_holds_limits(p: &AxisParameters) -> bool {
+    (p.max_steps.abs_diff(p.min_steps)..=FARTHEST as u32).contains(&p.full_turn_steps)
+        && p.take_up_steps < p.full_turn_steps / 2
+}
+
+/// On an axis that turns round and round the switch is an index that moves do pass. On any other, a move within the limits, take-up included, must not reach the switch.
 fn switch_is_beyond_limits(p: &AxisParameters) -> bool {
+    if p.full_turn_steps != 0 {
+        return true;
+    }
     match p.home_direction {
         HomeDirection::Negative => p.home_position < p.min_steps.saturating_sub_unsigned(p.take_up_steps),
         HomeDirection::Positive => p.home_position > p.max_steps,

@@ -9,6 +9,8 @@ use crate::board::{AnalogInput, PinFailure, set};
 pub(crate) const OPEN_US: core::ops::RangeInclusive<u32> = 100..=60_000_000;
 /// Photodiode readings are this far apart, or closer in short exposures, µs.
 const READING_EVERY_US: u32 = 1000;
+/// An exposure that was open longer than asked for by more than this is refused, µs.
+const MAX_LATE_US: u64 = 10;
 /// Fewest readings of an exposure.
 const LEAST_READINGS: u32 = 16;
 
@@ -26,6 +28,16 @@ struct Open {
     readings: u32,
     planned: u32,
     sum: u64,
+    sum_of_squares: u64,
+}
+
+/// What came of an exposure.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Closed {
+    /// It was open for the time asked for.
+    InTime(Exposure),
+    /// It was open for so much longer, µs.
+    Late(u32),
 }
 
 impl Open {
@@ -33,6 +45,21 @@ impl Open {
     fn next_reading_us(&self) -> u64 {
         let half_parts = u64::from(2 * self.readings + 1);
         self.start_us + u64::from(self.duration_us) * half_parts / u64::from(2 * self.planned)
+    }
+
+    fn read(&mut self, photodiode: &mut impl AnalogInput) -> Result<(), PinFailure> {
+        let reading = u64::from(photodiode.read().ok_or(PinFailure)?);
+        self.sum += reading;
+        self.sum_of_squares += reading * reading;
+        self.readings += 1;
+        Ok(())
+    }
+
+    /// Standard deviation over mean, in millionths: √(nΣx² − (Σx)²)/Σx.
+    fn flicker_ppm(&self) -> u32 {
+        let sum = u128::from(self.sum);
+        let spread = u128::from(self.readings) * u128::from(self.sum_of_squares) - sum * sum;
+        (spread * 1_000_000_000_000).isqrt().checked_div(sum).unwrap_or(0).min(u32::MAX.into()) as u32
     }
 
     fn end_us(&self) -> u64 {
@@ -49,7 +76,8 @@ impl<P: OutputPin> Shutter<P> {
     pub(crate) fn open(&mut self, now_us: u64, duration_us: u32) -> Result<(), PinFailure> {
         let planned = duration_us.div_ceil(READING_EVERY_US).max(LEAST_READINGS);
         set(&mut self.pin, true)?;
-        self.exposure = Some(Open { start_us: now_us, duration_us, readings: 0, planned, sum: 0 });
+        self.exposure =
+            Some(Open { start_us: now_us, duration_us, readings: 0, planned, sum: 0, sum_of_squares: 0 });
         Ok(())
     }
 
@@ -73,7 +101,7 @@ impl<P: OutputPin> Shutter<P> {
         &mut self,
         now_us: u64,
         photodiode: &mut impl AnalogInput,
-    ) -> Result<Option<Exposure>, PinFailure> {
+    ) -> Result<Option<Closed>, PinFailure> {
         let Some(open) = &mut self.exposure else {
             return Ok(None);
         };
@@ -85,13 +113,15 @@ impl<P: OutputPin> Shutter<P> {
                 open_us: (now_us - open.start_us) as u32,
                 reference_q8: mean_q8 as u32,
                 readings: open.readings,
+                flicker_ppm: open.flicker_ppm(),
             };
+            let late_us = now_us - open.end_us();
             self.exposure = None;
-            return Ok(Some(exposure));
+            let in_time = late_us <= MAX_LATE_US;
+            return Ok(Some(if in_time { Closed::InTime(exposure) } else { Closed::Late(late_us as u32) }));
         }
         if open.readings < open.planned && now_us >= open.next_reading_us() {
-            open.sum += u64::from(photodiode.read().ok_or(PinFailure)?);
-            open.readings += 1;
+            open.read(photodiode)?;
         }
         Ok(None)
     }

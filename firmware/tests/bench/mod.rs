@@ -1,17 +1,22 @@
 //! A bench for the controller: pins that write down what they are told and when.
 #![allow(clippy::unwrap_used)]
+#![allow(dead_code, reason = "each test uses its part")]
 
 use std::cell::RefCell;
 use std::collections::VecDeque;
 use std::convert::Infallible;
 use std::rc::Rc;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU32, Ordering::Relaxed};
 
 use embedded_hal::digital::{self, InputPin, OutputPin};
 use embedded_hal::pwm::{self, SetDutyCycle};
-use lobelia_firmware::{AnalogInput, AxisPins, Board, ByteLink, Controller, Peripherals};
+use lobelia_firmware::safety::EmergencyStop;
+use lobelia_firmware::storage::Storage;
+use lobelia_firmware::{AnalogInput, AxisPins, Board, ByteLink, Controller, Options, Peripherals, Watchdog};
 use lobelia_protocol::{
-    AxisParameters, Command, Configuration, FrameDecoder, Hello, HomeDirection, Outcome, Request, Response,
-    ToController, ToHost,
+    AxisParameters, Command, Configuration, CrashCause, CrashRecord, FrameDecoder, Hello, HomeDirection,
+    Outcome, Refusal, Request, Response, ToController, ToHost,
 };
 
 /// Where the home switch closes, in motor steps from where the rig was switched on.
@@ -32,6 +37,20 @@ pub(crate) struct Bench {
     pub(crate) shutter: Vec<(u64, bool)>,
     pub(crate) lamp: bool,
     pub(crate) stop_pressed: bool,
+    pub(crate) stalled: [bool; 4],
+    pub(crate) hot: bool,
+    pub(crate) diode_broken: bool,
+    /// The link takes no bytes from the controller.
+    pub(crate) line_stuck: bool,
+    pub(crate) lamp_level: u16,
+    pub(crate) camera_ready_us: u64,
+    /// The photodiode's readings, in turn; 1234 where there are none.
+    pub(crate) readings: VecDeque<u16>,
+    /// The home switches bounce, and until when they do.
+    pub(crate) bouncy: bool,
+    bounces_until_us: [u64; 4],
+    /// How far each home switch has been moved.
+    pub(crate) switch_shift: [i64; 4],
     pub(crate) pulse_too_short: bool,
     edge_us: [u64; 4],
     to_controller: VecDeque<u8>,
@@ -49,13 +68,23 @@ enum Role {
     Shutter,
     Lamp,
     Stop,
+    Stall(usize),
+    Hot,
+    CameraReady,
 }
 
 pub(crate) struct Pin(Shared, Role);
-pub(crate) struct Dimmer;
-pub(crate) struct Diode;
+pub(crate) struct Dimmer(Shared);
+pub(crate) struct Diode(Shared);
 pub(crate) struct Wire(Shared);
 pub(crate) struct TestBoard;
+struct Dog(Arc<AtomicU32>);
+
+impl Watchdog for Dog {
+    fn feed(&mut self) {
+        self.0.fetch_add(1, Relaxed);
+    }
+}
 
 impl Board for TestBoard {
     type Output = Pin;
@@ -81,6 +110,10 @@ impl Pin {
                 if high {
                     assert!(bench.enabled[axis], "a step without a holding motor is lost");
                     bench.motors[axis] += if bench.up[axis] { 1 } else { -1 };
+                    let edge = if bench.up[axis] { SWITCH_AT + 1 } else { SWITCH_AT };
+                    if bench.bouncy && bench.motors[axis] == edge {
+                        bench.bounces_until_us[axis] = now + 1000;
+                    }
                     bench.steps[axis].push((now, bench.up[axis]));
                 }
             }
@@ -88,7 +121,7 @@ impl Pin {
             Role::Enable(axis) => bench.enabled[axis] = high,
             Role::Shutter => bench.shutter.push((now, high)),
             Role::Lamp => bench.lamp = high,
-            Role::Step(_) | Role::Home(_) | Role::Stop => {}
+            Role::Step(_) | Role::Home(_) | Role::Stop | Role::Stall(_) | Role::Hot | Role::CameraReady => {}
         }
     }
 }
@@ -108,8 +141,15 @@ impl InputPin for Pin {
     fn is_high(&mut self) -> Result<bool, Infallible> {
         let bench = self.0.borrow();
         Ok(match self.1 {
+            Role::Stall(axis) => bench.stalled[axis],
+            Role::Hot => bench.hot,
+            Role::CameraReady => bench.now_us >= bench.camera_ready_us,
+            // A contact bounces for 1 ms at each edge.
+            Role::Home(axis) if bench.now_us < bench.bounces_until_us[axis] => {
+                (bench.now_us / 64).is_multiple_of(2)
+            }
             Role::Home(axis) if bench.switch_up => bench.motors[axis] >= -SWITCH_AT,
-            Role::Home(axis) => bench.motors[axis] <= SWITCH_AT,
+            Role::Home(axis) => bench.motors[axis] <= SWITCH_AT + bench.switch_shift[axis],
             Role::Stop => bench.stop_pressed,
             _ => false,
         })
@@ -127,14 +167,20 @@ impl SetDutyCycle for Dimmer {
     fn max_duty_cycle(&self) -> u16 {
         1000
     }
-    fn set_duty_cycle(&mut self, _: u16) -> Result<(), Infallible> {
+    fn set_duty_cycle(&mut self, level: u16) -> Result<(), Infallible> {
+        self.0.borrow_mut().lamp_level = level;
         Ok(())
     }
 }
 
 impl AnalogInput for Diode {
     fn read(&mut self) -> Option<u16> {
-        Some(1234)
+        if self.0.borrow().diode_broken {
+            return None;
+        }
+        let readings = &mut self.0.borrow_mut().readings;
+        readings.rotate_left(usize::from(!readings.is_empty()));
+        Some(readings.back().copied().unwrap_or(1234))
     }
 }
 
@@ -143,14 +189,20 @@ impl ByteLink for Wire {
         self.0.borrow_mut().to_controller.pop_front()
     }
     fn write(&mut self, byte: u8) -> bool {
-        self.0.borrow_mut().to_host.push(byte);
-        true
+        let bench = &mut *self.0.borrow_mut();
+        if !bench.line_stuck {
+            bench.to_host.push(byte);
+        }
+        !bench.line_stuck
     }
 }
 
 /// A controller on its bench, and a host that talks to it.
 pub(crate) struct Rig {
     pub(crate) bench: Shared,
+    pub(crate) emergency_stop: &'static EmergencyStop,
+    /// How often the watchdog was fed.
+    pub(crate) meals: Arc<AtomicU32>,
     controller: Controller<TestBoard>,
     decoder: FrameDecoder,
     next_id: u32,
@@ -161,9 +213,18 @@ pub(crate) const SESSION: u32 = 77;
 
 impl Rig {
     pub(crate) fn new() -> Self {
+        Self::build(None)
+    }
+
+    /// With memory for parameters.
+    pub(crate) fn with_storage(storage: &'static mut (dyn Storage + Send)) -> Self {
+        Self::build(Some(storage))
+    }
+
+    fn build(storage: Option<&'static mut (dyn Storage + Send)>) -> Self {
         let bench = Shared::default();
         let pin = |role| Pin(Rc::clone(&bench), role);
-        let controller = Controller::new(Peripherals {
+        let peripherals = Peripherals {
             axes: std::array::from_fn(|axis| AxisPins {
                 step: pin(Role::Step(axis)),
                 direction: pin(Role::Direction(axis)),
@@ -172,12 +233,24 @@ impl Rig {
             }),
             shutter: pin(Role::Shutter),
             lamp: pin(Role::Lamp),
-            lamp_level: Dimmer,
-            photodiode: Diode,
+            lamp_level: Dimmer(Rc::clone(&bench)),
+            photodiode: Diode(Rc::clone(&bench)),
             emergency_stop: pin(Role::Stop),
             link: Wire(Rc::clone(&bench)),
-        });
-        Self { bench, controller, decoder: FrameDecoder::new(), next_id: 1 }
+        };
+        let emergency_stop: &'static EmergencyStop = Box::leak(Box::new(EmergencyStop::new()));
+        let meals = Arc::new(AtomicU32::new(0));
+        let options = Options {
+            stall: std::array::from_fn(|axis| Some(pin(Role::Stall(axis)))),
+            over_temperature: Some(pin(Role::Hot)),
+            camera_ready: Some(pin(Role::CameraReady)),
+            storage,
+            emergency_stop: Some(emergency_stop),
+            watchdog: Some(Box::leak(Box::new(Dog(Arc::clone(&meals))))),
+            crash: Some(CrashRecord { cause: CrashCause::HardFault, place: 0x0800_1234 }),
+        };
+        let controller = Controller::with_options(peripherals, options);
+        Self { bench, emergency_stop, meals, controller, decoder: FrameDecoder::new(), next_id: 1 }
     }
 
     /// With a session, and configured.
@@ -235,6 +308,14 @@ impl Rig {
         }
     }
 
+    /// The outcome of a request, if it has come by now.
+    pub(crate) fn answered(&mut self, id: u32) -> Option<Outcome> {
+        self.received().into_iter().find_map(|packet| match packet {
+            ToHost::Response(response) if response.id == id => Some(response.outcome),
+            _ => None,
+        })
+    }
+
     /// Lets time pass until the next event; false when there is none.
     pub(crate) fn pass_event(&mut self) -> bool {
         let next = self.controller.next_event_us();
@@ -259,9 +340,27 @@ impl Rig {
         packets
     }
 
+    /// When the controller wants to be polled next.
+    pub(crate) fn next_event_us(&self) -> u64 {
+        self.controller.next_event_us()
+    }
+
+    /// Which axes move, by asking the controller without a packet.
+    pub(crate) fn moving(&self) -> [bool; 4] {
+        self.controller.moving()
+    }
+
     /// Steps made by all axes.
     pub(crate) fn step_count(&self) -> usize {
         self.bench.borrow().steps.iter().map(Vec::len).sum()
+    }
+}
+
+/// The refusal that an outcome must be.
+pub(crate) fn refusal(outcome: Outcome) -> Refusal {
+    match outcome {
+        Outcome::Refused(refusal) => refusal,
+        other => panic!("not refused: {other:?}"),
     }
 }
 
@@ -272,6 +371,8 @@ pub(crate) fn configuration() -> Configuration {
         max_steps: 5000,
         max_speed,
         acceleration,
+        jerk: 20 * acceleration,
+        full_turn_steps: 0,
         take_up_steps: 40,
         settle_ms: 20,
         home_direction: HomeDirection::Negative,
@@ -280,9 +381,17 @@ pub(crate) fn configuration() -> Configuration {
         home_slow_speed: 50,
         home_back_off: 60,
         home_travel: 4000,
+        home_debounce_us: 2000,
+        index_tolerance: 2,
     };
     Configuration {
         axes: [axis(2000, 4000), axis(1000, 20_000), axis(300, 100), axis(20_000, 50_000)],
         lamp_warm_up_s: 10,
+        lamp_least_reading: 300,
+        lease_ms: 0,
+        lamp_lease_ms: 0,
+        lamp_safe_level: 0,
+        camera_wait_ms: 50,
+        coordinated: true,
     }
 }

@@ -187,6 +187,7 @@ pub fn mechanics(config: &RigConfig) -> MechanicsConfig {
             start_deg: 0.5 * (axis.min_deg + axis.max_deg),
             max_speed_deg_s: axis.max_speed_deg_s,
             acceleration_deg_s2: axis.acceleration_deg_s2,
+            jerk_deg_s3: axis.jerk_deg_s3,
             ..AxisMechanics::pan()
         }
     };

@@ -9,8 +9,8 @@ use std::io::ErrorKind;
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
 use lobelia_protocol::{
-    Answer, Command, Configuration, Event, Exposure, FaultReport, FrameDecoder, Hello, Outcome, Refusal,
-    Request, Status, ToController, ToHost, Verdict,
+    Answer, Command, Configuration, CrashRecord, Event, Exposure, FaultReport, FrameDecoder, Hello,
+    HomingReport, Outcome, Refusal, Request, Status, ToController, ToHost, Verdict,
 };
 
 use crate::error::{Error, Result};
@@ -19,8 +19,12 @@ use crate::rig::port::Port;
 
 /// After this long without an answer a request is sent again.
 const PATIENCE: Duration = Duration::from_millis(300);
+/// While it waits, the client asks something this often: well within the controller's lease.
+const KEEP_ALIVE: Duration = Duration::from_millis(500);
+/// A fault's report follows the refusal within this time.
+const REPORT_PATIENCE: Duration = Duration::from_millis(100);
 /// After this many repetitions without a word from the controller the link counts as dead.
-const REPETITIONS: u32 = 20;
+const REPETITIONS: u32 = 40;
 /// After this many bytes without one packet among them the port counts as someone else's.
 const MOST_RUBBISH: usize = 1 << 18;
 
@@ -33,6 +37,7 @@ pub struct RigClient {
     session: u32,
     last_id: u32,
     faults: Vec<FaultReport>,
+    crash: Option<CrashRecord>,
     interrupted: Option<Box<dyn Fn() -> bool + Send>>,
 }
 
@@ -57,6 +62,7 @@ impl RigClient {
             session: hello.session,
             last_id: 0,
             faults: Vec::new(),
+            crash: None,
             interrupted: None,
         };
         for _ in 0..REPETITIONS {
@@ -88,6 +94,23 @@ impl RigClient {
     /// Homes all axes; gives their positions in steps.
     pub fn home(&mut self) -> Result<[i32; 4]> {
         self.call(Command::Home).and_then(positions)
+    }
+
+    /// Homes all axes by so many slow approaches; tells how the switches' edges scatter.
+    pub fn home_repeatedly(&mut self, approaches: u8) -> Result<HomingReport> {
+        match self.call(Command::HomeRepeatedly { approaches })? {
+            Answer::Homed(report) => Ok(report),
+            Answer::At(positions) => Ok(HomingReport { positions, spread_steps: [0; 4], approaches }),
+            _ => Err(out_of_place()),
+        }
+    }
+
+    /// Finds the home switches without forgetting the positions; gives by how many steps each position was too high.
+    pub fn check_index(&mut self) -> Result<[i32; 4]> {
+        match self.call(Command::CheckIndex)? {
+            Answer::Checked(lost) => Ok(lost),
+            _ => Err(out_of_place()),
+        }
     }
 
     /// Moves all axes (pan, tilt, roll, light) to absolute positions in steps, and waits until they have settled.
@@ -159,10 +182,20 @@ impl RigClient {
     }
 
     /// Lets time pass on the rig, real or virtual. A fault reported meanwhile is an error.
+    ///
+    /// Asks for the status now and then, so that the controller knows that the host is still there.
     pub fn pause(&mut self, time: Duration) -> Result<()> {
-        while let Some(packet) = self.receive(time)? {
-            if let ToHost::Event(Event::Fault(report)) = packet {
-                return Err(Error::failure(explain::fault_report(&report)));
+        let mut left = time;
+        while !left.is_zero() {
+            let part = left.min(KEEP_ALIVE);
+            left -= part;
+            while let Some(packet) = self.receive(part)? {
+                if let ToHost::Event(Event::Fault(report)) = packet {
+                    return Err(Error::failure(explain::fault_report(&report)));
+                }
+            }
+            if !left.is_zero() {
+                self.status()?;
             }
         }
         Ok(())
@@ -171,6 +204,11 @@ impl RigClient {
     /// Faults reported since they were last cleared, oldest first.
     pub fn faults(&self) -> &[FaultReport] {
         &self.faults
+    }
+
+    /// What the controller reported of a crash before it was started last.
+    pub fn crash(&self) -> Option<CrashRecord> {
+        self.crash
     }
 
     fn is_interrupted(&self) -> bool {
@@ -207,7 +245,13 @@ impl RigClient {
     }
 
     /// The sentence for a refusal; the report of a fault, which names the axis, goes in front.
-    fn refused(&self, refusal: Refusal) -> Error {
+    fn refused(&mut self, refusal: Refusal) -> Error {
+        // Reports come after answers.
+        while self.faults.is_empty() && matches!(refusal, Refusal::Faulted(_)) {
+            if !matches!(self.receive(REPORT_PATIENCE), Ok(Some(_))) {
+                break;
+            }
+        }
         let error = explain::refusal(refusal);
         match (refusal, self.faults.last()) {
             (Refusal::Faulted(_), Some(report)) if report.axis.is_some() => {
@@ -232,6 +276,9 @@ impl RigClient {
                 self.rubbish = 0;
                 if let ToHost::Event(Event::Fault(report)) = &packet {
                     self.faults.push(*report);
+                }
+                if let ToHost::Event(Event::Crashed(record)) = &packet {
+                    self.crash = Some(*record);
                 }
                 return Ok(Some(packet));
             }

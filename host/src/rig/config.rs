@@ -11,6 +11,8 @@ use serde::{Deserialize, Serialize};
 pub struct RigConfig {
     /// The four motor axes.
     pub axes: Axes,
+    /// How the axes move together.
+    pub motion: Motion,
     /// Where camera, light and sample stand.
     pub geometry: Geometry,
     /// The camera's lens and sensor.
@@ -65,12 +67,23 @@ pub struct Axis {
     pub max_speed_deg_s: f64,
     /// Highest acceleration.
     pub acceleration_deg_s2: f64,
+    /// Highest change of acceleration, °/s³. Ten times the acceleration, as for the default axes, reaches it in 0.1 s;
+    /// a file that leaves it out gets 400.
+    #[serde(default = "default_jerk")]
+    pub jerk_deg_s3: f64,
+    /// Whether the axis can turn round and round, so that moves go the shorter way. A turn has to be a whole number of steps.
+    #[serde(default)]
+    pub full_turn: bool,
     /// Overshoot that takes up the backlash, so that every position is approached from below.
     pub take_up_deg: f64,
     /// Rest after a move before the rig counts as still.
     pub settle_s: f64,
     /// Largest angular error of a position (table 3.1); the weight of the motors against the fiducials.
     pub repeatability_deg: f64,
+}
+
+fn default_jerk() -> f64 {
+    400.0
 }
 
 impl Default for Axes {
@@ -82,6 +95,8 @@ impl Default for Axes {
             home_deg: -limit - 5.0,
             max_speed_deg_s: 60.0,
             acceleration_deg_s2: 120.0,
+            jerk_deg_s3: 1200.0,
+            full_turn: false,
             take_up_deg: 0.5,
             settle_s: 0.2,
             repeatability_deg,
@@ -94,6 +109,8 @@ impl Default for Axes {
             home_deg: 5.0,
             max_speed_deg_s: 20.0,
             acceleration_deg_s2: 40.0,
+            jerk_deg_s3: 400.0,
+            full_turn: false,
             take_up_deg: 0.2,
             settle_s: 0.3,
             repeatability_deg: 0.1411,
@@ -116,6 +133,8 @@ impl Axis {
             max_steps: signed(self.max_deg)?,
             max_speed: positive(self.max_speed_deg_s)?,
             acceleration: positive(self.acceleration_deg_s2)?,
+            jerk: positive(self.jerk_deg_s3)?,
+            full_turn_steps: if self.full_turn { positive(360.0)? } else { 0 },
             take_up_steps: positive(self.take_up_deg)?,
             settle_ms: (0.0..=65535.0).contains(&settle_ms).then_some(settle_ms as u16)?,
             home_direction: HomeDirection::Negative,
@@ -126,8 +145,31 @@ impl Axis {
             home_slow_speed: positive(self.max_speed_deg_s / 60.0)?.max(1),
             home_back_off: positive(1.0)?.max(1),
             home_travel: positive(self.max_deg - self.home_deg + 20.0)?,
+            home_debounce_us: 3000,
+            index_tolerance: 4,
         })
     }
+}
+
+/// How the axes move together.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Motion {
+    /// Whether all axes arrive at once, each slowed down to the slowest one's time; or else each as soon as it can.
+    pub coordinated: bool,
+    /// The controller stops smoothly when it hears nothing for this long while it is moving; 0 for never.
+    pub lease_s: f64,
+}
+
+impl Default for Motion {
+    fn default() -> Self {
+        Self { coordinated: true, lease_s: 2.0 }
+    }
+}
+
+/// A time in s as the controller counts it.
+fn milliseconds(seconds: f64) -> u32 {
+    (seconds * 1e3).round().clamp(0.0, 1e9) as u32
 }
 
 /// Positions on the bench.
@@ -220,6 +262,11 @@ pub struct Lamp {
     pub reference_reading: f64,
     /// Time after switching on before it may be used.
     pub warm_up_s: f64,
+    /// The controller puts the lamp to its safe level when it hears nothing for this long; 0 for never. Longer than a camera
+    /// takes to hand over a photograph, during which nothing is asked of the controller.
+    pub lease_s: f64,
+    /// The lamp's level then, 0 to 1; at 0 it is switched off.
+    pub safe_level: f64,
 }
 
 impl Default for Lamp {
@@ -229,6 +276,8 @@ impl Default for Lamp {
             radiance: [1000.0, 1000.0, 1000.0],
             reference_reading: 3000.0,
             warm_up_s: 900.0,
+            lease_s: 60.0,
+            safe_level: 0.0,
         }
     }
 }
@@ -394,7 +443,17 @@ impl RigConfig {
         }
         let lamp_warm_up_s = self.lamp.warm_up_s.ceil() as u16;
         let axes = axes.try_into().map_err(|_| crate::Error::input("rig.toml: there must be four axes"))?;
-        Ok(Configuration { axes, lamp_warm_up_s })
+        Ok(Configuration {
+            axes,
+            lamp_warm_up_s,
+            // A tenth of what the lamp should give.
+            lamp_least_reading: (self.lamp.reference_reading / 10.0) as u16,
+            lease_ms: milliseconds(self.motion.lease_s),
+            lamp_lease_ms: milliseconds(self.lamp.lease_s),
+            lamp_safe_level: (self.lamp.safe_level.clamp(0.0, 1.0) * 65535.0).round() as u16,
+            camera_wait_ms: 2000,
+            coordinated: self.motion.coordinated,
+        })
     }
 
     /// Checks what types cannot: limits in order, positive sizes, exposures 1 to 3, tags without repeats.
@@ -411,10 +470,18 @@ impl RigConfig {
                 ("degrees_per_step", axis.degrees_per_step),
                 ("max_speed_deg_s", axis.max_speed_deg_s),
                 ("acceleration_deg_s2", axis.acceleration_deg_s2),
+                ("jerk_deg_s3", axis.jerk_deg_s3),
             ] {
                 if !(value > 0.0 && value.is_finite()) {
                     return refuse(&format!("axes.{name}.{key}"), format!("is {value}, must be above 0"));
                 }
+            }
+        }
+        for (name, axis) in AXIS_NAMES.iter().zip(self.axes.in_order()) {
+            let turn = 360.0 / axis.degrees_per_step;
+            if axis.full_turn && (turn - turn.round()).abs() > 1e-6 {
+                let why = format!("is true, but a turn is {turn} steps, which is no whole number");
+                return refuse(&format!("axes.{name}.full_turn"), why);
             }
         }
         let positive = [

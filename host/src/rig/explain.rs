@@ -41,6 +41,18 @@ pub(crate) fn refusal(refusal: Refusal) -> Error {
         Refusal::EmergencyStopPressed => {
             Error::failure("the emergency stop is still pressed; release it, then clear the faults")
         }
+        Refusal::CameraNotReady => Error::failure(
+            "the camera did not become ready; check its power, its card and its cable to the controller",
+        ),
+        Refusal::ShutterLate { late_us } => Error::failure(format!(
+            "the shutter closed {late_us} µs late, so the exposure is not what was asked for; repeat it"
+        )),
+        Refusal::OutOfWindow => {
+            Error::failure("too many requests are under way at the rig's controller; start again")
+        }
+        Refusal::NoStorage => {
+            Error::failure("the rig's controller has no memory for parameters, or it can't be written")
+        }
         Refusal::Stopped => Error::failure("the rig was stopped before it had finished"),
     }
 }
@@ -68,6 +80,22 @@ fn fault(fault: Fault, axis: Option<Axis>) -> String {
         Fault::HomingFailed => {
             format!("{of} did not find its home switch: check the switch, its cable and home_travel")
         }
+        Fault::StepsLost => {
+            format!(
+                "{of} has lost steps, as its home switch shows: look for what blocks it, and measure again from the last check on"
+            )
+        }
+        Fault::Stall => format!("the motor of {of} stalled: look for what blocks it"),
+        Fault::OverTemperature => {
+            "lamp or drivers are too hot and the lamp was put out: let them cool, look at the fans".to_owned()
+        }
+        Fault::LampFailure => {
+            "the lamp is switched on, but its photodiode is dark: check the lamp, its supply and the photodiode".to_owned()
+        }
+        Fault::LeaseExpired => {
+            "the controller heard nothing from the host for too long, so it stopped and dimmed the lamp; positions are kept"
+                .to_owned()
+        }
         Fault::Hardware => "the controller could not drive or read a pin: check its wiring".to_owned(),
     }
 }
@@ -82,6 +110,9 @@ fn name(field: Field) -> &'static str {
         Field::HomeSpeed => "the homing speeds",
         Field::HomeTravel => "the homing travel or back-off",
         Field::Duration => "the exposure's duration",
+        Field::Jerk => "the jerk",
+        Field::FullTurn => "the full turn",
+        Field::Approaches => "the number of approaches",
     }
 }
 
@@ -89,7 +120,12 @@ fn range(field: Field) -> &'static str {
     match field {
         Field::Limits => "the lower has to be below the upper, both within ±2^29 steps",
         Field::MaxSpeed => "it has to be 1 to 200000 steps/s",
-        Field::Acceleration => "it has to be 1 to 10000000 steps/s²",
+        Field::Acceleration => {
+            "it has to be 1 to 10000000 steps/s², and reach the highest speed within 1000 s"
+        }
+        Field::Jerk => "it has to be 1 to 1000000000 steps/s³",
+        Field::Approaches => "it has to be 1 to 100",
+        Field::FullTurn => "a turn has to hold the limits and be over twice the take-up, in whole steps",
         Field::TakeUp => "it has to be at most 2^20 steps",
         Field::HomePosition => {
             "it has to lie beyond the limits on the switch's side, by more than the take-up below"

@@ -1,0 +1,182 @@
+//! The part of the controller that has to do with axes: what may begin a move, how axes move together, and what each step can
+//! give away.
+
+use core::array;
+
+use lobelia_protocol::{
+    AXES, Answer, Axis, Configuration, Fault, Field, HomeDirection, HomingReport, Outcome, Refusal,
+};
+
+use super::{Controller, Running, Task, Trouble};
+use crate::board::{Board, PinFailure, is_high};
+use crate::homing::{Homing, Progress, Purpose};
+use crate::motion::axis::Plan;
+
+/// How often a homing may approach its switch.
+const APPROACHES: core::ops::RangeInclusive<u8> = 1..=100;
+
+impl<B: Board> Controller<B> {
+    pub(super) fn begin_homing(
+        &mut self,
+        now_us: u64,
+        configuration: &Configuration,
+        purpose: Purpose,
+    ) -> Result<Task, Trouble> {
+        if let Purpose::Home { approaches } = purpose
+            && !APPROACHES.contains(&approaches)
+        {
+            return Err(Refusal::BadParameter { axis: None, field: Field::Approaches }.into());
+        }
+        let mut searches = [const { None }; AXES];
+        for ((search, axis), parameters) in searches.iter_mut().zip(&mut self.axes).zip(&configuration.axes) {
+            *search = Some(Homing::start(now_us, purpose, axis, parameters)?);
+        }
+        Ok(Task::Home(purpose, searches))
+    }
+
+    /// The answer to a search that has ended.
+    pub(super) fn found(&self, purpose: Purpose, searches: &[Option<Homing>; AXES]) -> Answer {
+        let of = |get: fn(&Homing) -> i32| searches.each_ref().map(|search| search.as_ref().map_or(0, get));
+        match purpose {
+            Purpose::Home { approaches: 1 } => Answer::At(self.positions()),
+            Purpose::Home { approaches } => Answer::Homed(HomingReport {
+                positions: self.positions(),
+                spread_steps: of(|search| search.spread() as i32).map(i32::unsigned_abs),
+                approaches,
+            }),
+            Purpose::Check => Answer::Checked(of(Homing::lost)),
+        }
+    }
+
+    /// At rest, settled: the answer; or the fault that a check has shown, told after the answer.
+    pub(super) fn settled(
+        &mut self,
+        now_us: u64,
+        found: Option<Answer>,
+    ) -> Result<Outcome, (Fault, Option<Axis>)> {
+        let answer = found.unwrap_or(Answer::At(self.positions()));
+        let (Answer::Checked(lost), Some(configuration)) = (answer, &self.configuration) else {
+            return Ok(Outcome::Done(answer));
+        };
+        let off = |axis: &Axis| {
+            lost[axis.index()].unsigned_abs() > configuration.axes[axis.index()].index_tolerance.into()
+        };
+        if let Some(axis) = Axis::ALL.into_iter().find(off) {
+            self.raise(now_us, Fault::StepsLost, Some(axis));
+        }
+        Ok(Outcome::Done(answer))
+    }
+
+    pub(super) fn check_positions(&self) -> Result<(), Refusal> {
+        match Axis::ALL.into_iter().find(|axis| !self.axes[axis.index()].known) {
+            Some(axis) => Err(Refusal::PositionUnknown(axis)),
+            None => Ok(()),
+        }
+    }
+
+    pub(super) fn begin_move(
+        &mut self,
+        now_us: u64,
+        configuration: &Configuration,
+        targets: [i32; AXES],
+    ) -> Result<Task, Trouble> {
+        self.check_positions()?;
+        check_limits(configuration, targets)?;
+        self.start_move(now_us, configuration, targets).map_err(Trouble::from)
+    }
+
+    /// Starts a move of all axes from rest.
+    pub(super) fn start_move(
+        &mut self,
+        now_us: u64,
+        configuration: &Configuration,
+        targets: [i32; AXES],
+    ) -> Result<Task, PinFailure> {
+        let mut plans: [Plan; AXES] =
+            array::from_fn(|k| self.axes[k].plan(targets[k], &configuration.axes[k]));
+        if configuration.coordinated {
+            let slowest = plans.iter().map(Plan::total).max().unwrap_or(0);
+            plans = plans.map(|plan| plan.stretched(slowest));
+        }
+        let mut settle_ms = 0;
+        for (k, plan) in plans.iter().enumerate().filter(|(_, plan)| plan.total() > 0) {
+            self.axes[k].begin(now_us, plan, targets[k])?;
+            settle_ms = configuration.axes[k].settle_ms.max(settle_ms);
+        }
+        Ok(Task::Move { settle_ms })
+    }
+
+    /// Gives the move being run, if there is one, other targets.
+    pub(super) fn retarget(
+        &mut self,
+        now_us: u64,
+        configuration: &Configuration,
+        targets: [i32; AXES],
+    ) -> Result<Task, Trouble> {
+        let task = self.running.as_ref().map(|running| &running.task);
+        let Some(Task::Move { .. } | Task::Turn { .. } | Task::Settle { found: None, .. }) = task else {
+            return if task.is_some() {
+                Err(Refusal::Busy.into())
+            } else {
+                self.begin_move(now_us, configuration, targets)
+            };
+        };
+        self.check_positions()?;
+        check_limits(configuration, targets)?;
+        if let Some(Running { request: Some(id), .. }) = self.running.take() {
+            self.link.answer(id, Outcome::Refused(Refusal::Stopped));
+        }
+        // Axes that go on alone would not arrive with the others.
+        for ((axis, p), target) in self.axes.iter_mut().zip(&configuration.axes).zip(targets) {
+            if configuration.coordinated || !axis.redirect(now_us, target, p) {
+                axis.stop(now_us);
+            }
+        }
+        Ok(Task::Turn { targets })
+    }
+
+    /// Makes the axis's step if one is due, and minds its switch.
+    pub(super) fn advance_axis(&mut self, now_us: u64, axis: Axis, task: &mut Task) -> Result<(), Fault> {
+        let drive = &mut self.axes[axis.index()];
+        let stepped = drive.poll(now_us).map_err(|_| Fault::Hardware)?;
+        if stepped
+            && let Some(stall) = &mut self.options.stall[axis.index()]
+            && is_high(stall).map_err(|_| Fault::Hardware)?
+        {
+            return Err(Fault::Stall);
+        }
+        let Some(parameters) = self.configuration.as_ref().map(|all| &all.axes[axis.index()]) else {
+            return Ok(());
+        };
+        if let Task::Home(_, searches) = task {
+            let Some(search) = &mut searches[axis.index()] else { return Ok(()) };
+            if stepped {
+                search.stepped(now_us, drive, parameters).map_err(|_| Fault::Hardware)?;
+            } else if !drive.moving() {
+                match search.rested(now_us, drive, parameters).map_err(|_| Fault::Hardware)? {
+                    Progress::Seeking | Progress::Measured => {}
+                    Progress::Failed => return Err(Fault::HomingFailed),
+                }
+            }
+            return Ok(());
+        }
+        // A stop while homing may come to rest on the switch; positions are unknown then anyway.
+        if parameters.full_turn_steps != 0 {
+            return Ok(());
+        }
+        let toward_switch = drive.forward() == (parameters.home_direction == HomeDirection::Positive);
+        if stepped && toward_switch && drive.known && drive.at_switch().map_err(|_| Fault::Hardware)? {
+            return Err(Fault::LimitHit);
+        }
+        Ok(())
+    }
+}
+
+/// Refuses targets beyond the soft limits.
+fn check_limits(configuration: &Configuration, targets: [i32; AXES]) -> Result<(), Refusal> {
+    let beyond = |axis: &Axis| {
+        let p = &configuration.axes[axis.index()];
+        !(p.min_steps..=p.max_steps).contains(&targets[axis.index()])
+    };
+    Axis::ALL.into_iter().find(beyond).map_or(Ok(()), |axis| Err(Refusal::OutOfLimits(axis)))
+}

@@ -1,0 +1,74 @@
+//! Coming to rest from the middle of a run, as fast as acceleration and jerk allow: three segments from any speed v and
+//! acceleration a.
+//!
+//! The acceleration goes from a to −b with the full jerk J, stays, and goes to 0. b = min(A, √(J·v + a²/2)), from which
+//! the times follow: (a + b)/J, (v + a²/2J − b²/J)/b and b/J. The same holds for an a below 0, when the run
+//! was braking already.
+
+use crate::motion::fixed::{Cubic, Guess, STEP, TICKS_PER_S};
+use crate::motion::profile::{Limits, State};
+
+/// The segments of a braking.
+#[derive(Debug, Clone, Default)]
+pub(crate) struct Brake {
+    segments: [Cubic; 3],
+    current: usize,
+    started: u64,
+    guess: Guess,
+}
+
+impl Brake {
+    /// Brakes from a state whose position counts from the last step made.
+    pub(crate) fn new(from: State, limits: Limits) -> Self {
+        let jerk = u128::from(limits.jerk);
+        let a = i128::from(from.acceleration).clamp(-(1 << 57), 1 << 57);
+        // In 2⁻⁶⁴ (steps/s²)².
+        let drop = ((jerk * u128::from(from.speed)) << 32) + (a * a / 2) as u128;
+        let most = u128::from(limits.acceleration) << 32;
+        let b = drop.isqrt().min(most).max(u128::from((-a).max(1) as u64));
+        let ticks = |rate: u128| ((rate * u128::from(TICKS_PER_S)) / (jerk << 32)) as u64;
+        let onset = ticks((a + b as i128).max(0) as u128);
+        // The speed to lose at −b, in 2⁻⁶⁴ steps/s: below 2⁸⁴.
+        let held = drop.saturating_sub(b * b) / jerk;
+        let hold = ((held * u128::from(TICKS_PER_S) / b) >> 32) as u64;
+        let release = ticks(b);
+        let mut state = from;
+        let segments = [(onset, -1), (hold, 0), (release, 1)].map(|(ticks, sign)| {
+            let (cubic, next) = segment(state, ticks, sign * i128::from(limits.jerk));
+            state = next;
+            cubic
+        });
+        Self { segments, current: 0, started: 0, guess: Guess::at(0) }
+    }
+
+    /// The time in ticks of the next step, `step` steps after the last one made before braking; `None` when at rest first.
+    pub(crate) fn step_time(&mut self, step: u32) -> Option<u64> {
+        let half_way = (i64::from(step) << 32) - STEP / 2;
+        loop {
+            let segment = self.segments.get(self.current)?;
+            if half_way <= segment.at(u32::MAX) && half_way >= segment.c[0] {
+                return Some(self.started + segment.solve(half_way, &mut self.guess));
+            }
+            self.started += segment.ticks;
+            self.current += 1;
+            self.guess = Guess::at(0);
+        }
+    }
+
+    /// The whole time in ticks.
+    pub(crate) fn total(&self) -> u64 {
+        self.segments.iter().map(|segment| segment.ticks).sum()
+    }
+}
+
+/// The segment of `ticks` with a jerk in steps/s³, and the state at its end.
+fn segment(from: State, ticks: u64, jerk: i128) -> (Cubic, State) {
+    let per = |value: i128| value * i128::from(ticks) / i128::from(TICKS_PER_S);
+    let (v, a) = (i128::from(from.speed), i128::from(from.acceleration));
+    let change = per(jerk << 32);
+    let [c1, c2, c3] = [per(v), per(per(a)) / 2, per(per(change)) / 6].map(|c| c as i64);
+    let cubic = Cubic { c: [from.position, c1, c2, c3], ticks };
+    let speed = v + per(a) + per(change) / 2;
+    let next = State { position: cubic.end(), speed: speed.max(0) as u64, acceleration: (a + change) as i64 };
+    (cubic, next)
+}

@@ -1,0 +1,180 @@
+//! Fixed-point arithmetic for profiles: positions in 2⁻³² steps, times in ticks of 1/256 µs, and cubics of a fraction
+//! of their segment, so that every coefficient is a distance and none can overflow.
+//!
+//! Planning uses 128-bit integers; what runs at each step ([`Cubic::solve`]) uses 32 × 64-bit products and one 64-bit
+//! division an iteration.
+
+/// Ticks in a second.
+pub(crate) const TICKS_PER_S: u64 = 256_000_000;
+/// Ticks in a µs, as a shift.
+pub(crate) const TICK_SHIFT: u32 = 8;
+/// One step, in the unit of positions.
+pub(crate) const STEP: i64 = 1 << 32;
+
+/// A solution is taken when the last correction was below this many ticks: the next would be far below one.
+const CLOSE_TICKS: u64 = 64;
+/// Halving alone ends within this many.
+const MOST_ITERATIONS: u32 = 48;
+
+/// `a · b / c`, rounded to the nearest. The result has to fit.
+pub(crate) fn mul_div(a: u64, b: u64, c: u64) -> u64 {
+    let c = u128::from(c);
+    ((u128::from(a) * u128::from(b) + c / 2) / c) as u64
+}
+
+/// The smallest `x` with `x² ≥ n`.
+pub(crate) fn root_up(n: u128) -> u128 {
+    let root = n.isqrt();
+    if root * root < n { root + 1 } else { root }
+}
+
+/// The smallest `x` with `x³ ≥ n`; `n` below 2¹²⁰.
+pub(crate) fn cube_root_up(n: u128) -> u128 {
+    let (mut low, mut high) = (0, 1 << 40);
+    while low < high {
+        let middle = u128::midpoint(low, high);
+        if middle * middle * middle < n {
+            low = middle + 1;
+        } else {
+            high = middle;
+        }
+    }
+    low
+}
+
+/// `value · u` for a fraction `u` in 2⁻³².
+fn scale(value: i64, u: u32) -> i64 {
+    let low = ((value as u64 & 0xffff_ffff) * u64::from(u)) >> 32;
+    (value >> 32) * i64::from(u) + low as i64
+}
+
+/// Position within one segment: c₀ + c₁u + c₂u² + c₃u³ for the fraction u of the segment's time.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub(crate) struct Cubic {
+    /// Coefficients in 2⁻³² steps, lowest order first.
+    pub(crate) c: [i64; 4],
+    /// Length of the segment, in ticks.
+    pub(crate) ticks: u64,
+}
+
+/// Where a solution is looked for first: the last one and the one before.
+#[derive(Debug, Clone, Copy, Default)]
+pub(crate) struct Guess {
+    u: u32,
+    change: i32,
+}
+
+impl Cubic {
+    /// Position at a fraction of the segment's time.
+    pub(crate) fn at(&self, u: u32) -> i64 {
+        let [c0, c1, c2, c3] = self.c;
+        scale(scale(scale(c3, u) + c2, u) + c1, u) + c0
+    }
+
+    /// Position at the segment's end.
+    pub(crate) fn end(&self) -> i64 {
+        self.c.iter().sum()
+    }
+
+    /// dp/du.
+    pub(crate) fn slope(&self, u: u32) -> i64 {
+        let [_, c1, c2, c3] = self.c;
+        scale(scale(3 * c3, u) + 2 * c2, u) + c1
+    }
+
+    /// d²p/du².
+    pub(crate) fn curvature(&self, u: u32) -> i64 {
+        2 * self.c[2] + scale(6 * self.c[3], u)
+    }
+
+    /// The time in ticks since the segment's start at which a position is passed; the segment rises from below to above it.
+    /// Newton's method, kept within a bracket; begins at the guess and leaves the solution there for the next one.
+    pub(crate) fn solve(&self, position: i64, guess: &mut Guess) -> u64 {
+        let (mut low, mut high) = (0, u32::MAX);
+        let mut u = guess.u.saturating_add_signed(guess.change);
+        for _ in 0..MOST_ITERATIONS {
+            let off = self.at(u) - position;
+            if off > 0 {
+                high = u;
+            } else {
+                low = u;
+            }
+            let next = quotient(off, self.slope(u)).map(|change| i64::from(u) - change);
+            let newton =
+                next.and_then(|next| u32::try_from(next).ok()).filter(|next| (low..=high).contains(next));
+            let next = newton.unwrap_or_else(|| u32::midpoint(low, high));
+            let moved = u.abs_diff(next);
+            u = next;
+            if high - low <= 1 || newton.is_some() && fraction_of(self.ticks, moved) < CLOSE_TICKS {
+                break;
+            }
+        }
+        let change = i64::from(u) - i64::from(guess.u);
+        *guess = Guess { u, change: i32::try_from(change).unwrap_or(0) };
+        fraction_of(self.ticks, u)
+    }
+}
+
+impl Guess {
+    /// Nothing solved yet in this segment: begin at a fraction of it.
+    pub(crate) const fn at(u: u32) -> Self {
+        Self { u, change: 0 }
+    }
+}
+
+/// A fraction of a number of ticks.
+pub(crate) fn fraction_of(ticks: u64, u: u32) -> u64 {
+    let low = ((ticks & 0xffff_ffff) * u64::from(u)) >> 32;
+    (ticks >> 32) * u64::from(u) + low
+}
+
+/// `n / d` in 2⁻³², for `d` above 0; coarser when n is above half a step.
+fn quotient(n: i64, d: i64) -> Option<i64> {
+    let excess = (64 - n.unsigned_abs().leading_zeros()).saturating_sub(31);
+    let d = d >> excess;
+    (d > 0).then(|| ((n >> excess) << 32) / d)
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+
+    proptest! {
+        #[test]
+        fn roots_are_the_smallest_that_reach(n in 0..1u128 << 115) {
+            let root = root_up(n);
+            prop_assert!(root * root >= n && (root == 0 || (root - 1) * (root - 1) < n));
+            let root = cube_root_up(n);
+            prop_assert!(root * root * root >= n && (root == 0 || (root - 1).pow(3) < n));
+        }
+
+        #[test]
+        fn cubic_in_integers_is_the_cubic_in_reals(
+            c in proptest::array::uniform4(-(1i64 << 58)..1 << 58), u in any::<u32>(),
+        ) {
+            let cubic = Cubic { c, ticks: 1 };
+            let x = f64::from(u) / 4_294_967_296.0;
+            let c = c.map(|c| c as f64);
+            let near = |is: i64, real: f64| (is as f64 - real).abs() <= 8.0 + 1e3 * f64::EPSILON * (1u64 << 62) as f64;
+            prop_assert!(near(cubic.at(u), c[0] + x * (c[1] + x * (c[2] + x * c[3]))));
+            prop_assert!(near(cubic.slope(u), c[1] + x * (2.0 * c[2] + x * 3.0 * c[3])));
+            prop_assert!(near(cubic.curvature(u), 2.0 * c[2] + 6.0 * x * c[3]));
+        }
+
+        #[test]
+        fn solution_is_where_the_cubic_passes(
+            rise in 1i64..1 << 28, bend in 0i64..1 << 28, ticks in 1_000_000u64..1 << 36, part in 0.0..1.0f64,
+            first in any::<u32>(),
+        ) {
+            let cubic = Cubic { c: [0, rise << 32, 0, bend << 32], ticks };
+            let position = (cubic.end() as f64 * part) as i64;
+            let solved = cubic.solve(position, &mut Guess::at(first)) as f64 / ticks as f64;
+            let error = solved * (rise as f64 + solved * solved * bend as f64) - position as f64 / STEP as f64;
+            let slope = rise as f64 + 3.0 * solved * solved * bend as f64;
+            // In ticks: half a µs at most.
+            prop_assert!((error / slope * ticks as f64).abs() < 64.0, "{}", error / slope * ticks as f64);
+        }
+    }
+}
