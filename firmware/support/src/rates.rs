@@ -158,3 +158,93 @@ pub fn measure<B: Board>(
     }
     true
 }
+
+/// A counter that counts up and wraps at 32 bits, from one that counts down and wraps anywhere.
+#[derive(Debug)]
+pub struct Counter {
+    read: fn() -> u32,
+    reload: u32,
+    last: u32,
+    total: u32,
+}
+
+impl Counter {
+    /// From the function that reads the counter, and the value that it starts from again after 0. It has to be read at
+    /// least once each time round.
+    pub fn new(read: fn() -> u32, reload: u32) -> Self {
+        Self { read, reload, last: read(), total: 0 }
+    }
+
+    /// Counts since it was made.
+    pub fn count(&mut self) -> u32 {
+        let now = (self.read)();
+        let down = if now <= self.last { self.last - now } else { self.last + self.reload + 1 - now };
+        self.last = now;
+        self.total = self.total.wrapping_add(down);
+        self.total
+    }
+}
+
+/// Instructions of the delay by which the counter is calibrated.
+const CALIBRATION: u32 = 4000;
+
+/// Measures and prints a line `rate axes=A steps=S polls=P instructions=I` for each number of axes, then `end`; or
+/// `refused`. `delay` runs as many instructions as it is told, and a few more, always the same number.
+pub fn report<B: Board>(
+    peripherals: Peripherals<B>,
+    rings: (&'static Received, &'static ToSend),
+    mut counter: Counter,
+    delay: fn(u32),
+    beside: impl FnMut(u64),
+    send: fn(u8),
+) {
+    let mut timed = |instructions| {
+        let start = counter.count();
+        delay(instructions);
+        u64::from(counter.count().wrapping_sub(start))
+    };
+    let counts_per_calibration = (timed(2 * CALIBRATION) - timed(CALIBRATION)).max(1);
+    let text = |text: &str| text.bytes().for_each(send);
+    let done = measure(
+        peripherals,
+        rings,
+        || counter.count(),
+        beside,
+        |cost| {
+            text("rate axes=");
+            decimal(cost.axes as u64, send);
+            text(" steps=");
+            decimal(cost.steps.into(), send);
+            text(" polls=");
+            decimal(cost.polls.into(), send);
+            text(" instructions=");
+            decimal(cost.counts * u64::from(CALIBRATION) / counts_per_calibration, send);
+            text("\n");
+        },
+    );
+    text(if done { "end\n" } else { "refused\n" });
+}
+
+/// Prints a number.
+fn decimal(number: u64, send: fn(u8)) {
+    if number >= 10 {
+        decimal(number / 10, send);
+    }
+    send(b'0' + (number % 10) as u8);
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn counter_goes_on_past_the_wrap() {
+        use core::sync::atomic::{AtomicU32, Ordering::Relaxed};
+        static DOWN: AtomicU32 = AtomicU32::new(5);
+        let mut counter = Counter::new(|| DOWN.load(Relaxed), 99);
+        DOWN.store(2, Relaxed);
+        assert_eq!(counter.count(), 3);
+        DOWN.store(98, Relaxed);
+        assert_eq!(counter.count(), 7);
+    }
+}
