@@ -185,22 +185,22 @@ impl Counter {
     }
 }
 
-/// Instructions of the delay by which the counter is calibrated.
+/// Instructions by which the counter is calibrated.
 const CALIBRATION: u32 = 4000;
 
 /// Measures and prints a line `rate axes=A steps=S polls=P instructions=I` for each number of axes, then `end`; or
-/// `refused`. `delay` runs as many instructions as it is told, and a few more, always the same number.
+/// `refused`. `spend` runs as many instructions as it is told, and a few more, always the same number.
 pub fn report<B: Board>(
     peripherals: Peripherals<B>,
     rings: (&'static Received, &'static ToSend),
     mut counter: Counter,
-    delay: fn(u32),
+    spend: fn(u32),
     beside: impl FnMut(u64),
     send: fn(u8),
 ) {
     let mut timed = |instructions| {
         let start = counter.count();
-        delay(instructions);
+        spend(instructions);
         u64::from(counter.count().wrapping_sub(start))
     };
     let counts_per_calibration = (timed(2 * CALIBRATION) - timed(CALIBRATION)).max(1);
