@@ -285,7 +285,7 @@ mod tests {
         let axes = [0.4, -0.3, 0.9, 1.2];
         let image = bench.radiance(axes);
         // Just inside and outside of the sample's edge: the white sample against the dark carrier.
-        for (inside, outside) in [([30.5, 5.0], [34.5, 5.0]), ([-10.0, -30.5], [-10.0, -34.5])] {
+        for (inside, outside) in [([31.5, 5.0], [35.5, 5.0]), ([-10.0, -31.5], [-10.0, -35.5])] {
             let value = |[x, y]: [f64; 2]| {
                 let [px, py] = bench.project(axes, x, y).map(|c| c.round() as usize);
                 image.data[py * 160 + px]

@@ -86,10 +86,11 @@ impl SensorModel {
     /// `open_s` seconds: shot noise of light and dark signal, read noise, clipping, quantisation.
     pub fn record(&self, radiance: f32, channel: usize, open_s: f64, key: u64) -> u16 {
         let light = f64::from(radiance) * self.responsivity[channel] * open_s * self.electrons_per_value;
-        let electrons = noise::poisson(key, (light + self.dark_e_s * open_s) as f32);
-        let read = noise::normal(key ^ 0x5bd1_e995_7b93_d51b) * self.read_noise_e as f32;
-        let value = f64::from(electrons + read) / self.electrons_per_value + self.black_level;
-        value.round().clamp(0.0, self.white_level) as u16
+        let mean = (light + self.dark_e_s * open_s) as f32;
+        let electrons = noise::electrons(key, mean, self.read_noise_e as f32);
+        let value = f64::from(electrons) / self.electrons_per_value + self.black_level;
+        // Truncation of a positive number plus a half rounds; `round` is a library call on this path.
+        (value + 0.5).clamp(0.0, self.white_level) as u16
     }
 }
 

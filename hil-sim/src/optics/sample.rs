@@ -84,6 +84,9 @@ impl Pattern {
     }
 }
 
+/// How far the sample reaches beyond the measured part on every side, mm, so that texels at the edge see no carrier.
+const ALLOWANCE_MM: f64 = 1.5;
+
 /// The sample: its size, its materials and their pattern.
 pub struct SampleLayout {
     width_mm: f64,
@@ -95,7 +98,7 @@ pub struct SampleLayout {
 }
 
 impl SampleLayout {
-    /// A sample of the given size, mm.
+    /// A sample whose measured part has the given size, mm.
     ///
     /// # Panics
     /// Without any material.
@@ -105,9 +108,10 @@ impl SampleLayout {
         Self { width_mm, height_mm, pattern, along: materials, across }
     }
 
-    /// Whether a point of the carrier's plane lies on the sample.
+    /// Whether a point of the carrier's plane lies on the sample, which is cut a little larger than what is measured of it.
     pub fn contains(&self, x_mm: f64, y_mm: f64) -> bool {
-        2.0 * x_mm.abs() <= self.width_mm && 2.0 * y_mm.abs() <= self.height_mm
+        let within = |place: f64, length: f64| place.abs() <= 0.5 * length + ALLOWANCE_MM;
+        within(x_mm, self.width_mm) && within(y_mm, self.height_mm)
     }
 
     /// The material at a point of the sample.

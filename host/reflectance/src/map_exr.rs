@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 use std::fs;
+use std::io::{Cursor, Write};
 use std::path::Path;
 
 use exr::prelude::{
@@ -54,17 +55,43 @@ pub(crate) fn write(map: &SbrdfMap, path: &Path) -> Result<(), FormatError> {
         Layer::new((map.width, map.height), attributes, Encoding::FAST_LOSSLESS, AnyChannels::sort(channels));
 
     let temporary = path.with_extension("exr.tmp");
-    let written =
-        Image::from_layer(layer).write().to_file(&temporary).map_err(|error| exr_error(path, error));
-    let renamed = written.and_then(|()| {
-        fs::File::open(&temporary)?.sync_all()?;
-        Ok(fs::rename(&temporary, path)?)
-    });
-    if renamed.is_err() {
+    let mut bytes = Cursor::new(Vec::new());
+    Image::from_layer(layer).write().to_buffered(&mut bytes).map_err(|error| exr_error(path, error))?;
+    let mut bytes = bytes.into_inner();
+    sort_attributes(&mut bytes);
+    let store = || -> std::io::Result<()> {
+        let mut file = fs::File::create(&temporary)?;
+        file.write_all(&bytes)?;
+        file.sync_all()?;
+        fs::rename(&temporary, path)
+    };
+    store().map_err(|error| {
         // Best effort: the first error is the one to tell.
         let _ = fs::remove_file(&temporary);
+        FormatError::Io(error)
+    })
+}
+
+/// Sorts the header's attributes by name: the exr crate writes them in the order of a hash map, which differs from
+/// process to process. Their order means nothing and their length stays, so all offsets hold.
+fn sort_attributes(bytes: &mut [u8]) -> Option<()> {
+    /// Length of the magic number and the version before the attributes, which a zero byte ends.
+    const START: usize = 8;
+    let mut place = START;
+    let mut attributes: Vec<Vec<u8>> = Vec::new();
+    while *bytes.get(place)? != 0 {
+        let begin = place;
+        // Name and type, each ended by a zero byte, the value's size, the value.
+        for _ in 0..2 {
+            place += bytes.get(place..)?.iter().position(|&byte| byte == 0)? + 1;
+        }
+        let size = bytes.get(place..)?.first_chunk::<4>()?;
+        place += 4 + u32::from_le_bytes(*size) as usize;
+        attributes.push(bytes.get(begin..place)?.to_vec());
     }
-    renamed
+    attributes.sort();
+    bytes[START..place].copy_from_slice(&attributes.concat());
+    Some(())
 }
 
 /// Splits vectors into three planes named `prefix.component`.

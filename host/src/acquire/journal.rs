@@ -94,21 +94,17 @@ pub struct Journal {
 }
 
 impl Journal {
-    /// Starts the journal of a new run.
+    /// Starts the journal of a new run. One without a whole record, which a run killed at its very start leaves, is
+    /// replaced.
     ///
     /// # Errors
-    /// When there is one already, or the disk refuses.
+    /// When a run was recorded there already, or the disk refuses.
     pub fn create(folder: &Path) -> Result<Self> {
+        refuse_recorded(folder)?;
         let path = folder.join(FILE_NAME);
-        let file = OpenOptions::new().append(true).create_new(true).open(&path).map_err(|error| {
-            if error.kind() == std::io::ErrorKind::AlreadyExists {
-                let message =
-                    "a run was recorded here already; continue it with --resume or name another folder";
-                Error::input(format!("{}: {message}", folder.display()))
-            } else {
-                Error::writing(&path, error)
-            }
-        })?;
+        let opened = OpenOptions::new().append(true).create(true).open(&path);
+        let emptied = opened.and_then(|file| file.set_len(0).map(|()| file));
+        let file = emptied.map_err(|error| Error::writing(&path, error))?;
         Ok(Self { path, file })
     }
 
@@ -140,6 +136,18 @@ impl Journal {
         let written = self.file.write_all(&line).and_then(|()| self.file.sync_data());
         written.map_err(|error| Error::writing(&self.path, error))
     }
+}
+
+/// Refuses a folder whose journal holds a record.
+///
+/// # Errors
+/// An input error that says how to go on.
+pub fn refuse_recorded(folder: &Path) -> Result<()> {
+    if std::fs::read(folder.join(FILE_NAME)).is_ok_and(|bytes| bytes.contains(&b'\n')) {
+        let message = "a run was recorded here already; continue it with --resume or name another folder";
+        return Err(Error::input(format!("{}: {message}", folder.display())));
+    }
+    Ok(())
 }
 
 /// Reads the whole records of a run.
@@ -202,7 +210,7 @@ mod tests {
     #[test]
     fn a_damaged_line_is_named_and_a_second_run_in_the_folder_refused() {
         let folder = tempfile::tempdir().unwrap();
-        Journal::create(folder.path()).unwrap();
+        Journal::create(folder.path()).unwrap().append(&records()[0]).unwrap();
         assert!(Journal::create(folder.path()).err().unwrap().to_string().contains("--resume"));
         std::fs::write(folder.path().join(FILE_NAME), "{\"record\":\"homed\",\"controller_us\":1}\n{]\n")
             .unwrap();

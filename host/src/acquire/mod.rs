@@ -86,14 +86,14 @@ impl RunFolder {
     }
 
     fn with_records(path: &Path, records: Vec<Record>) -> Result<Self> {
+        let Some(Record::Started { plan_sha256, rig_sha256, .. }) = records.first() else {
+            let message = "the run was broken off before it began; start it again without --resume";
+            return Err(Error::input(format!("{}: {message}", path.display())));
+        };
         let (rig_path, plan_path) = (path.join("rig.toml"), path.join("plan.toml"));
         let rig: RigConfig = toml_file::read(&rig_path)?;
         rig.validate()?;
         let plan = Plan::read(&plan_path, &rig)?;
-        let Some(Record::Started { plan_sha256, rig_sha256, .. }) = records.first() else {
-            let message = "the journal does not begin with a start record; delete the folder and start again";
-            return Err(Error::input(format!("{}: {message}", path.display())));
-        };
         for (file, recorded) in [(&rig_path, rig_sha256), (&plan_path, plan_sha256)] {
             if sha256(files::read_text(file)?.as_bytes()) != *recorded {
                 return Err(Error::input(format!("{}: changed since the run began", file.display())));

@@ -101,22 +101,46 @@ impl Recipe {
         recipe.layout(folder, carrier).map_err(|error| error.at(path.display()))
     }
 
+    /// Reads a recipe and makes the names of its files absolute, so that it can be kept elsewhere.
+    ///
+    /// # Errors
+    /// Input errors naming file and key.
+    pub fn load(path: &Path) -> Result<Self> {
+        let mut recipe: Self = toml_file::read(path)?;
+        let path = std::path::absolute(path).map_err(|error| Error::reading(path, error))?;
+        let folder = path.parent().unwrap_or(Path::new("."));
+        let name = |file: &str| folder.join(file).to_string_lossy().into_owned();
+        if let PatternRecipe::Image { path: image } = &mut recipe.pattern {
+            *image = name(image);
+        }
+        for table in recipe.materials.iter_mut().filter_map(|material| material.table.as_mut()) {
+            *table = name(table);
+        }
+        Ok(recipe)
+    }
+
     /// Lays the sample out; files are relative to `folder`.
     ///
     /// # Errors
     /// Input errors naming the key or material.
     pub fn layout(&self, folder: &Path, carrier: &Carrier) -> Result<SampleLayout> {
+        let materials = self.build_materials(folder)?;
+        let pattern = self.pattern.build(folder, materials.len())?;
+        Ok(SampleLayout::new(carrier.sample_width_mm, carrier.sample_height_mm, materials, pattern))
+    }
+
+    /// The recipe's materials; files are relative to `folder`.
+    ///
+    /// # Errors
+    /// Input errors naming the material.
+    pub fn build_materials(&self, folder: &Path) -> Result<Vec<Material>> {
         if self.materials.is_empty() {
             return Err(Error::input("the recipe has no material"));
         }
-        let materials = self
-            .materials
-            .iter()
-            .enumerate()
-            .map(|(k, material)| material.build(folder).map_err(|error| error.at(format!("material {k}"))))
-            .collect::<Result<Vec<_>>>()?;
-        let pattern = self.pattern.build(folder, materials.len())?;
-        Ok(SampleLayout::new(carrier.sample_width_mm, carrier.sample_height_mm, materials, pattern))
+        let build = |(k, material): (usize, &MaterialRecipe)| {
+            material.build(folder).map_err(|error| error.at(format!("material {k}")))
+        };
+        self.materials.iter().enumerate().map(build).collect()
     }
 }
 

@@ -1,7 +1,7 @@
 //! The simulated station: the firmware on simulated mechanics, and a camera that photographs a known sample.
 
 use std::fs::OpenOptions;
-use std::io::Write;
+use std::io::{Read, Seek, SeekFrom, Write};
 use std::path::Path;
 
 use lobelia_hil_sim::optics::bench::PrintedTag;
@@ -85,9 +85,20 @@ impl SimulatedCamera {
         let path = folder.join(TRUTH_FILE);
         let mut line = serde_json::to_vec(&truth).map_err(|error| Error::failure(error.to_string()))?;
         line.push(b'\n');
-        let opened = OpenOptions::new().append(true).create(true).open(&path);
-        opened.and_then(|mut file| file.write_all(&line)).map_err(|error| Error::writing(&path, error))
+        append_line(&path, &line).map_err(|error| Error::writing(&path, error))
     }
+}
+
+/// Appends a line; one before it that a kill has torn is ended first, so that it spoils nothing but itself.
+fn append_line(path: &Path, line: &[u8]) -> std::io::Result<()> {
+    let mut file = OpenOptions::new().read(true).append(true).create(true).open(path)?;
+    let mut last = [b'\n'];
+    if file.metadata()?.len() > 0 {
+        file.seek(SeekFrom::End(-1))?;
+        file.read_exact(&mut last)?;
+    }
+    let ending: &[u8] = if last == [b'\n'] { b"" } else { b"\n" };
+    file.write_all(&[ending, line].concat())
 }
 
 /// Reads the truth of a simulated run: the true axis angles a pose.

@@ -164,6 +164,11 @@ impl WatchedFolder {
 /// Copies a photograph under a temporary name, renames it, and removes the original.
 fn take(from: &Path, to: &Path) -> Result<()> {
     let bytes = fs::read(from).map_err(|error| Error::reading(from, error))?;
+    if bytes.starts_with(&crate::develop::frame::JPEG_START) {
+        let message =
+            "the camera stored a JPEG, which is not linear; set it to store raw or 16-bit TIFF files";
+        return Err(Error::input(format!("{}: {message}", from.display())));
+    }
     crate::files::write_bytes(to, &bytes)?;
     fs::remove_file(from).map_err(|error| Error::writing(from, error))
 }

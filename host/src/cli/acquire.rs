@@ -6,10 +6,12 @@ use std::time::Duration;
 use clap::Args;
 
 use super::Context;
-use crate::acquire::journal::Journal;
+use crate::acquire::journal;
 use crate::acquire::station::{self, Camera, Station, WatchedFolder};
 use crate::acquire::{self, RunFolder};
 use crate::error::{Error, Result};
+#[cfg(feature = "sim")]
+use crate::files;
 use crate::plan::Plan;
 use crate::rig::config::RigConfig;
 use crate::rig::{RigClient, open_port};
@@ -46,13 +48,25 @@ pub(super) struct AcquireArgs {
 
 /// Runs `lobelia acquire`.
 pub(super) fn run(args: &AcquireArgs, context: &mut Context) -> Result<()> {
-    let (run, mut journal) = open(args, context)?;
-    if run.finished() {
-        context.note(format!("{}: the run is complete already", args.output.display()));
-        return Ok(());
-    }
+    // A new run's folder is laid out last: a rig that does not answer leaves nothing behind.
+    let (run, mut journal, mut station) = if args.resume {
+        let (run, journal) = RunFolder::resume(&args.output)?;
+        if run.finished() {
+            context.note(format!("{}: the run is complete already", args.output.display()));
+            return Ok(());
+        }
+        let material = run_material(args)?;
+        let station = connect(args, material.as_deref(), &run.rig)?;
+        (run, journal, station)
+    } else {
+        let (plan, rig) = read_inputs(args, context)?;
+        journal::refuse_recorded(&args.output)?;
+        let station = connect(args, args.material.as_deref(), &rig)?;
+        keep_material(args)?;
+        let (run, journal) = RunFolder::create(&args.output, &plan, &rig)?;
+        (run, journal, station)
+    };
     station::catch_interrupts();
-    let mut station = connect(args, &run.rig)?;
     let acquired = context.report.stage("acquire", || acquire::run(&run, &mut journal, &mut station))?;
     context.report.figure("poses", acquired.poses);
     context.report.figure("controller_s", acquired.controller_s);
@@ -64,23 +78,21 @@ pub(super) fn run(args: &AcquireArgs, context: &mut Context) -> Result<()> {
     Ok(())
 }
 
-fn open(args: &AcquireArgs, context: &mut Context) -> Result<(RunFolder, Journal)> {
-    if args.resume {
-        return RunFolder::resume(&args.output);
-    }
+fn read_inputs(args: &AcquireArgs, context: &mut Context) -> Result<(Plan, RigConfig)> {
     let missing = || Error::input("a plan and --rig are needed for a new run");
     let rig_path = args.rig.as_ref().ok_or_else(missing)?;
     let plan_path = args.plan.as_ref().ok_or_else(missing)?;
     let rig: RigConfig = toml_file::read(rig_path)?;
+    rig.validate()?;
     let plan = Plan::read(plan_path, &rig)?;
     context.report.input(rig_path);
     context.report.input(plan_path);
-    RunFolder::create(&args.output, &plan, &rig)
+    Ok((plan, rig))
 }
 
-fn connect(args: &AcquireArgs, rig: &RigConfig) -> Result<Station> {
+fn connect(args: &AcquireArgs, material: Option<&Path>, rig: &RigConfig) -> Result<Station> {
     match (args.port.as_str(), args.camera.as_str()) {
-        ("sim", "sim") => simulated(args.material.as_deref(), rig),
+        ("sim", "sim") => simulated(material, rig),
         ("sim", _) | (_, "sim") => Err(Error::input(
             "--port sim and --camera sim go together: the simulated camera sees the simulated rig",
         )),
@@ -95,6 +107,39 @@ fn connect(args: &AcquireArgs, rig: &RigConfig) -> Result<Station> {
             Ok(Station::new(RigClient::connect(open_port(port)?)?, Camera::Watch(folder)))
         }
     }
+}
+
+/// Name of the recipe in a simulated run's folder.
+const MATERIAL_FILE: &str = "material.toml";
+
+/// The recipe that a simulated run was begun with, so that a resumed one photographs the same sample.
+fn run_material(args: &AcquireArgs) -> Result<Option<PathBuf>> {
+    if args.material.is_some() {
+        return Err(Error::input("--resume goes on with the run's own material; leave --material out"));
+    }
+    let kept = args.output.join(MATERIAL_FILE);
+    Ok(kept.is_file().then_some(kept))
+}
+
+/// Keeps the recipe in the run's folder.
+#[cfg(feature = "sim")]
+fn keep_material(args: &AcquireArgs) -> Result<()> {
+    let kept = args.output.join(MATERIAL_FILE);
+    let Some(path) = &args.material else {
+        // Of a run that was broken off before it began, if there is one.
+        let _ = std::fs::remove_file(&kept);
+        return Ok(());
+    };
+    let recipe = crate::acquire::recipe::Recipe::load(path)?;
+    let text =
+        toml::to_string(&recipe).map_err(|error| Error::failure(format!("{MATERIAL_FILE}: {error}")))?;
+    files::create_folder(&args.output)?;
+    files::write_bytes(&kept, text.as_bytes())
+}
+
+#[cfg(not(feature = "sim"))]
+fn keep_material(_: &AcquireArgs) -> Result<()> {
+    Ok(())
 }
 
 #[cfg(feature = "sim")]

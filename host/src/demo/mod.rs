@@ -39,6 +39,15 @@ impl Size {
         }
     }
 
+    /// Pixels and samples a pixel of the rendered pictures.
+    pub fn picture(self) -> (u32, u32, u32) {
+        match self {
+            Self::Small => (400, 300, 16),
+            Self::Medium => (640, 480, 32),
+            Self::Full => (1280, 960, 64),
+        }
+    }
+
     /// The rig at this size.
     pub fn rig(self, seed: u64) -> RigConfig {
         let (texels, _, scale) = self.numbers();
@@ -92,7 +101,7 @@ pub fn run(folder: &Path, size: Size, seed: u64, report: &mut Report) -> Result<
     let plan = report.stage("plan", || plan::make(&rig, Extent::Budget(poses), true, seed))?;
 
     let run_folder = folder.join("run");
-    let layout = || sample::recipe().layout(Path::new("."), &rig.carrier);
+    let layout = || sample::layout(&rig.carrier);
     report.stage("acquire", || -> Result<()> {
         let (run, mut journal) = RunFolder::create(&run_folder, &plan, &rig)?;
         let mut station = simulated::station(&rig, layout()?)?;

@@ -13,32 +13,30 @@ use crate::render::{Rendering, lights, reference};
 use crate::report::Report;
 use crate::scene::{Background, Material, Scene, showcase};
 
-/// Samples a pixel of the reference picture.
-const SAMPLES: u32 = 48;
-
 /// Repeats of the sample across the cloth and around the ball.
 const TILING: [Vec2; 2] = [Vec2::splat(2.0), Vec2::new(2.0, 1.0)];
 
-/// Renders `map` into `folder` (linear EXR and tone-mapped PNG) and notes stages and adapter; returns the pictures for the
+/// Renders `map` with `width` × `height` pixels and `samples` a pixel into `folder` (linear EXR and tone-mapped PNG) and notes stages and adapter; returns the pictures for the
 /// page and, when `lights` could not run, why.
 ///
 /// # Errors
 /// When a scene is refused or the disk refuses; a missing GPU is no error.
 pub fn render(
     map: &SbrdfMap,
+    (width, height, samples): (u32, u32, u32),
     folder: &Path,
     seed: u64,
     report: &mut Report,
 ) -> Result<(Vec<Rendered>, Option<String>)> {
     let map = Arc::new(map.clone());
     let [cloth, ball] = TILING.map(|tiling| Material::map(map.clone(), tiling));
-    let scene = showcase::showcase(cloth, ball, 800, 600);
-    let settings = reference::Settings { samples: SAMPLES, seed };
+    let scene = showcase::showcase(cloth, ball, width, height);
+    let settings = reference::Settings { samples, seed };
     let rendering = report.stage("render reference", || reference::render(&scene, &settings))?;
     report.figure("reference_rays_per_second", rendering.cost.rays as f64 / rendering.cost.render_seconds);
     let caption = format!(
         "The fitted material on a cloth and a ball in a studio environment with two lights: path-traced direct \
-         light on the CPU, {SAMPLES} samples a pixel, {:.1} s.",
+         light on the CPU, {samples} samples a pixel, {:.1} s.",
         rendering.cost.render_seconds
     );
     let mut pictures = vec![finish("reference", caption, &rendering, &scene, folder)?];

@@ -1,8 +1,55 @@
-//! The demo's sample: a board of four materials with two lobes each, which two-lobe fits can meet exactly.
+//! The demo's sample: a brocade of four materials with two lobes each, which two-lobe fits can meet exactly.
+
+use std::path::Path;
+
+use lobelia_hil_sim::optics::{Pattern, SampleLayout};
 
 use crate::acquire::recipe::{LobeRecipe, MaterialRecipe, PatternRecipe, Recipe};
+use crate::error::Result;
+use crate::rig::config::Carrier;
 
-/// The recipe of the demo's sample.
+/// From one flower to the next, mm.
+const REPEAT_MM: f64 = 32.0;
+
+/// Steps of the brocade's pattern a millimetre.
+const STEPS_PER_MM: f64 = 4.0;
+
+/// The demo's sample on the carrier.
+///
+/// # Errors
+/// None for the recipe that stands here; the signature is that of every recipe.
+pub fn layout(carrier: &Carrier) -> Result<SampleLayout> {
+    let materials = recipe().build_materials(Path::new("."))?;
+    let steps = |length_mm: f64| (length_mm * STEPS_PER_MM).round().max(1.0) as usize;
+    let (columns, rows) = (steps(carrier.sample_width_mm), steps(carrier.sample_height_mm));
+    let indices = (0..columns * rows)
+        .map(|k| brocade((k % columns) as f64 / STEPS_PER_MM, (k / columns) as f64 / STEPS_PER_MM))
+        .collect();
+    let pattern = Pattern::Image { columns, rows, indices };
+    Ok(SampleLayout::new(carrier.sample_width_mm, carrier.sample_height_mm, materials, pattern))
+}
+
+/// The material at a place of the brocade: 0 red hearts, 1 gold flowers, 2 blue ground, 3 green leaves; every other column
+/// of flowers is shifted by half a repeat.
+fn brocade(x_mm: f64, y_mm: f64) -> u8 {
+    let (u, v) = (2.0 * x_mm / REPEAT_MM, y_mm / REPEAT_MM);
+    let column = u.floor();
+    let across = (u - column - 0.5) * 0.5;
+    let down = (v + 0.5 * column).rem_euclid(1.0) - 0.5;
+    let (radius, angle) = (across.hypot(down), down.atan2(across));
+    let petals = 0.16 + 0.05 * (6.0 * angle).cos();
+    // A leaf above and below each flower, bounded by two arcs.
+    let along = (down.abs() - 0.36) / 0.13;
+    let leaf = across.abs() < 0.085 * (1.0 - along * along).max(0.0);
+    match () {
+        () if radius < 0.075 => 0,
+        () if radius < petals => 1,
+        () if leaf => 3,
+        () => 2,
+    }
+}
+
+/// The demo's materials as a recipe, laid out as a board: an example for users and what `--port sim` shows by itself.
 pub fn recipe() -> Recipe {
     let lobe = |rho_s, c, n| LobeRecipe { rho_s, c, n };
     let material = |rho_d, lobes: [LobeRecipe; 2]| MaterialRecipe {
@@ -45,4 +92,18 @@ pub fn recipe() -> Recipe {
         ),
     ];
     Recipe { pattern: PatternRecipe::Checks { size_mm: 8.0 }, materials }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_brocade_shows_every_material_on_a_fair_part_of_the_sample() {
+        let mut counts = [0; 4];
+        for k in 0..64 * 64 {
+            counts[usize::from(brocade(f64::from(k % 64), f64::from(k / 64)))] += 1;
+        }
+        assert!(counts.iter().all(|&count| count > 64 * 64 / 40), "{counts:?}");
+    }
 }

@@ -1,12 +1,15 @@
 //! Reads camera frames: 16-bit TIFF mosaics with EXIF exposure. JPEG is refused: it is not linear.
 
 use std::fs::File;
-use std::io::BufReader;
+use std::io::{BufReader, Read, Seek};
 use std::path::Path;
 
 use tiff::decoder::{Decoder, DecodingResult};
 
 use crate::error::{Error, Result};
+
+/// The first bytes of every JPEG.
+pub const JPEG_START: [u8; 3] = [0xff, 0xd8, 0xff];
 
 /// One photograph as the sensor recorded it.
 #[derive(Debug, Clone, PartialEq)]
@@ -26,11 +29,11 @@ pub struct RawFrame {
 /// # Errors
 /// Input errors for a missing, truncated or non-linear file, or one without an exposure time.
 pub fn read(path: &Path) -> Result<RawFrame> {
-    if path.extension().is_some_and(|e| e.eq_ignore_ascii_case("jpg") || e.eq_ignore_ascii_case("jpeg")) {
-        let message = "JPEG is not linear; give the camera's 16-bit TIFF";
+    let mut file = File::open(path).map_err(|error| Error::reading(path, error))?;
+    if is_jpeg(&mut file).map_err(|error| Error::reading(path, error))? {
+        let message = "a JPEG, which is not linear; give the camera's 16-bit TIFF";
         return Err(Error::input(format!("{}: {message}", path.display())));
     }
-    let file = File::open(path).map_err(|error| Error::reading(path, error))?;
     let damaged = |error: tiff::TiffError| {
         Error::input(format!("{}: the frame is truncated or not a TIFF: {error}", path.display()))
     };
@@ -45,6 +48,14 @@ pub fn read(path: &Path) -> Result<RawFrame> {
         return Err(Error::input(format!("{}: {message}", path.display())));
     }
     Ok(RawFrame { width, height, values, exposure_s: exposure(path)? })
+}
+
+/// Whether a file is a JPEG by its first bytes, whatever its name; leaves the file at its start.
+fn is_jpeg(file: &mut File) -> std::io::Result<bool> {
+    let mut start = Vec::with_capacity(3);
+    file.take(3).read_to_end(&mut start)?;
+    file.rewind()?;
+    Ok(start == JPEG_START)
 }
 
 /// The EXIF exposure time of a file, s.
@@ -98,7 +109,10 @@ mod tests {
     }
 
     #[test]
-    fn jpeg_is_refused() {
-        assert!(read(Path::new("shot.JPG")).unwrap_err().to_string().contains("not linear"));
+    fn jpeg_is_refused_whatever_its_name() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("shot.tiff");
+        std::fs::write(&path, b"\xff\xd8\xff\xe0\x00\x10JFIF").unwrap();
+        assert!(read(&path).unwrap_err().to_string().contains("not linear"));
     }
 }

@@ -114,6 +114,12 @@ fn dark_signal(run: &RunFolder) -> Result<DarkSignal> {
 fn read_frame(run: &RunFolder, exposure: &ExposureRecord) -> Result<frame::RawFrame> {
     let path = run.path.join(&exposure.file);
     let mut frame = frame::read(&path)?;
+    let camera = &run.rig.camera;
+    if (frame.width, frame.height) != (camera.width, camera.height) {
+        let (w, h) = (frame.width, frame.height);
+        let message = format!("{w} × {h} pixels, rig.toml says {} × {}", camera.width, camera.height);
+        return Err(Error::input(format!("{}: {message}", path.display())));
+    }
     if (frame.exposure_s / exposure.open_s - 1.0).abs() > 0.02 {
         let (camera, controller) = (frame.exposure_s, exposure.open_s);
         let message =

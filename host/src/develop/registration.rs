@@ -77,7 +77,7 @@ fn known_tag(config: &RigConfig, id: u32) -> Option<&Tag> {
 }
 
 /// The corners of a tag on the sample's plane: top left, top right, bottom right, bottom left.
-fn tag_corners(config: &RigConfig, tag: &Tag) -> [DVec2; 4] {
+pub(crate) fn tag_corners(config: &RigConfig, tag: &Tag) -> [DVec2; 4] {
     let half = config.carrier.tag_size_mm / 2.0;
     [(-half, half), (half, half), (half, -half), (-half, -half)]
         .map(|(dx, dy)| DVec2::new(tag.x_mm + dx, tag.y_mm + dy))

@@ -15,7 +15,7 @@ pub(crate) fn log2(x: f32) -> f32 {
     let mantissa = f32::from_bits((bits - (exponent << 23)) as u32);
     let t = (mantissa - 1.0) / (mantissa + 1.0);
     let square = t * t;
-    let series = 2.885_390_1
+    let series = 2.0 * std::f32::consts::LOG2_E
         + square * (0.961_796_7 + square * (0.577_078 + square * (0.412_198_6 + square * 0.320_598_9)));
     exponent as f32 + t * series
 }

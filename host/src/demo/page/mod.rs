@@ -1,11 +1,136 @@
-//! The demo's page.
+//! The demo's page: what was measured, fitted and rendered, and how wrong it is, in one HTML file that needs no other
+//! file and no network.
 
-/// A rendered picture.
+use std::path::Path;
+
+use crate::demo::{DemoOutcome, FitOutcome, truth};
+use crate::error::{Error, Result};
+use crate::files;
+use crate::report::Report;
+
+mod colour_map;
+mod errors;
+mod frame;
+mod hemisphere;
+mod html;
+mod maps;
+mod numbers;
+mod pick;
+mod polar;
+mod scale;
+mod texels;
+mod texture;
+mod timing;
+
+/// A rendered picture for the top of the page.
 pub struct Rendered {
-    /// Title.
+    /// What it shows.
     pub title: String,
-    /// Caption.
+    /// By which method, in what time.
     pub caption: String,
-    /// The PNG file.
+    /// The picture as a PNG file.
     pub png: Vec<u8>,
 }
+
+/// The page's style.
+const STYLE: &str = include_str!("style.css");
+
+/// Writes the page of a demo whose report is finished.
+///
+/// # Errors
+/// When the outcome has no fit or no registered pose, a frame of the run cannot be read, or the disk refuses.
+pub fn write(outcome: &DemoOutcome, report: &Report, renderings: &[Rendered], path: &Path) -> Result<()> {
+    files::write_bytes(path, page(outcome, report, renderings)?.as_bytes())
+}
+
+/// The page as HTML.
+fn page(outcome: &DemoOutcome, report: &Report, renderings: &[Rendered]) -> Result<String> {
+    let result = outcome.fits.last().ok_or_else(|| Error::failure("the demo made no fit to show"))?;
+    let sections = [
+        head(outcome, result, report, renderings),
+        frame::section(outcome)?,
+        texture::section(outcome)?,
+        texels::section(outcome, result)?,
+        maps::section(result)?,
+        errors::section(outcome, report),
+        timing::section(report),
+    ];
+    Ok(format!(
+        "<!DOCTYPE html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n<meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\n<title>Lobelia demo</title>\n<style>\n{STYLE}</style>\n</head>\n<body>\n<main>\n{}</main>\n{}</body>\n</html>\n",
+        sections.concat(),
+        footer(report)
+    ))
+}
+
+/// What was done, the pictures, the figures.
+fn head(outcome: &DemoOutcome, result: &FitOutcome, report: &Report, renderings: &[Rendered]) -> String {
+    let carrier = &outcome.run.rig.carrier;
+    let photographs: usize = outcome.run.plan.poses.iter().map(|pose| pose.exposures_s.len()).sum();
+    let sentence = format!(
+        "A simulated gonioreflectometer photographed a flat sample, {} × {} mm, {} times in {} poses of light and camera; the photographs became the reflectance of every texel, and each texel was fitted with {} by {}.",
+        numbers::tick(carrier.sample_width_mm),
+        numbers::tick(carrier.sample_height_mm),
+        numbers::count(photographs),
+        numbers::count(outcome.run.plan.poses.len()),
+        if result.lobes == 1 { "one lobe".into() } else { format!("{} lobes", result.lobes) },
+        if result.method.name() == "lm" { "Levenberg–Marquardt" } else { "a line search" }
+    );
+    let title = match renderings {
+        [] => "A material, measured and fitted",
+        _ => "A material, measured, fitted and rendered",
+    };
+    format!(
+        "<header id=\"head\">\n<h1>{title}</h1>\n<p class=\"lead\">{sentence}</p>\n</header>\n{}{}",
+        hero(renderings),
+        tiles(outcome, result, report)
+    )
+}
+
+/// The rendered pictures; the first is the largest when their number is odd.
+fn hero(renderings: &[Rendered]) -> String {
+    if renderings.is_empty() {
+        return String::new();
+    }
+    let figure = |rendered: &Rendered| {
+        let caption =
+            format!("<b>{}</b>: {}", html::escape(&rendered.title), html::escape(&rendered.caption));
+        html::figure(&html::picture(&rendered.png, &rendered.title, "rendered"), &caption)
+    };
+    let class = if renderings.len() % 2 == 1 { "hero odd" } else { "hero" };
+    format!(
+        "<div class=\"{class}\" id=\"rendered\">{}</div>\n",
+        renderings.iter().map(figure).collect::<String>()
+    )
+}
+
+/// The key figures.
+fn tiles(outcome: &DemoOutcome, result: &FitOutcome, report: &Report) -> String {
+    let sampled = &outcome.developed.sampled;
+    let camera = &outcome.run.rig.camera;
+    let registered = outcome.developed.registrations.iter().filter(|found| found.is_ok()).count();
+    let squares: f64 = outcome.registration_texels.iter().map(|error| error * error).sum();
+    let registration = (squares / outcome.registration_texels.len().max(1) as f64).sqrt();
+    let tiles = [
+        (format!("{} × {}", sampled.width, sampled.height), "texels".to_string()),
+        (numbers::count(sampled.poses.len()), format!("poses, {} registered", numbers::count(registered))),
+        (format!("{} × {}", camera.width, camera.height), "pixels, raw Bayer sensor".into()),
+        (numbers::seconds(report.seconds()), format!("all stages, {} threads", report.machine.cores)),
+        (numbers::bytes(report.peak_memory_bytes), "peak memory".into()),
+        (numbers::significant(registration, 2), "texel, RMS registration error".into()),
+        (numbers::percent(truth::median(&result.errors)), "median relative RMS error of the fit".into()),
+    ];
+    let tile = |(value, label): &(String, String)| format!("<div><b>{value}</b><span>{label}</span></div>");
+    format!("<div class=\"tiles\">{}</div>\n", tiles.iter().map(tile).collect::<String>())
+}
+
+/// With what the page was made, and what lies beside it.
+fn footer(report: &Report) -> String {
+    format!(
+        "<footer><p>Lobelia {}, seed {}. Beside this page: <code>run/</code> (plan, rig, journal, raw frames), <code>sampled.zarr</code> (measured reflectance), <code>material.exr</code> (fitted coefficients), the pictures as <code>.exr</code> (linear) and <code>.png</code>, <code>report.json</code> (all figures). Reflectance is in sr⁻¹; luminance by Rec. 709.</p></footer>\n",
+        html::escape(&report.lobelia),
+        report.seed
+    )
+}
+
+#[cfg(test)]
+mod tests;

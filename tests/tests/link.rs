@@ -1,0 +1,114 @@
+//! Rigs that misbehave on a real port: another version, a bad line, a cable pulled out.
+
+#![allow(clippy::unwrap_used, reason = "helpers of tests are tests")]
+
+use std::fs;
+use std::path::Path;
+use std::sync::atomic::Ordering;
+
+use lobelia::plan::Plan;
+use lobelia::rig::config::{AXIS_NAMES, RigConfig};
+use lobelia_hil_sim::{ExposureTruth, FaultRates};
+use lobelia_protocol::Axis;
+use lobelia_tests::command::{Said, run};
+use lobelia_tests::tcp::{self, ServedRig};
+use lobelia_tests::{folder, small};
+
+/// A folder with inputs and an empty `photos`. The rig's axes go exactly where they are sent, so that a move can be told
+/// from another; its lamp is warm after seconds.
+fn inputs(poses: usize) -> (tempfile::TempDir, RigConfig, Plan) {
+    let folder = tempfile::tempdir().unwrap();
+    let mut rig = small::rig(8);
+    rig.simulator.repeatability = false;
+    rig.lamp.warm_up_s = 20.0;
+    rig.exposure.dark_frames = 1;
+    rig.exposure.count = 1;
+    let plan = small::plan(&rig, poses);
+    small::write_inputs(folder.path(), &rig, &plan);
+    fs::create_dir(folder.path().join("photos")).unwrap();
+    (folder, rig, plan)
+}
+
+fn acquire(folder: &Path, port: &str, more: &[&str]) -> Said {
+    let arguments = ["acquire", "-o", "run", "--camera", "watch:photos", "--port", port];
+    run(folder, &[&arguments, more].concat())
+}
+
+const NEW_RUN: [&str; 3] = ["plan.toml", "--rig", "rig.toml"];
+
+/// Asserts that photographs, after the two dark frames, were taken of the plan's poses in order, each once.
+fn assert_planned(exposures: &[ExposureTruth], rig: &RigConfig, plan: &Plan) {
+    let truths = exposures.get(2..).unwrap_or(&[]);
+    assert!(truths.len() <= plan.poses.len(), "more photographs than poses");
+    for (index, (truth, pose)) in truths.iter().zip(&plan.poses).enumerate() {
+        for (axis, wanted) in pose.degrees().into_iter().enumerate() {
+            let off = truth.axes_rad[axis].to_degrees() - wanted;
+            // Half a step of rounding, and the home switch's edge within another step.
+            let step = rig.axes.in_order()[axis].degrees_per_step;
+            assert!(off.abs() <= 2.0 * step, "pose {index}: {} is off by {off}°", AXIS_NAMES[axis]);
+        }
+    }
+}
+
+#[test]
+fn a_controller_of_another_schema_is_refused_before_anything_is_asked_of_it() {
+    let (folder, _, _) = inputs(2);
+    let (address, requests) = tcp::other_version();
+    let before = folder::listing(folder.path());
+    acquire(folder.path(), &tcp::port(address), &NEW_RUN)
+        .refuses(2, &["version 99", "schema", "nothing was moved"]);
+    assert_eq!(requests.load(Ordering::Relaxed), 0, "something was asked of it");
+    assert_eq!(folder::listing(folder.path()), before, "a run was begun");
+}
+
+#[test]
+fn a_run_over_tcp_photographs_every_pose_of_the_plan_once() {
+    let (folder, rig, plan) = inputs(5);
+    let served = ServedRig::start(&rig, &folder.path().join("photos"));
+    let said = acquire(folder.path(), &tcp::port(served.address), &NEW_RUN);
+    assert_eq!(said.code, Some(0), "{said:?}");
+    let exposures = served.exposures();
+    assert_eq!(exposures.len(), 2 + plan.poses.len());
+    assert_planned(&exposures, &rig, &plan);
+}
+
+#[test]
+fn a_line_that_spoils_bytes_costs_time_and_never_makes_a_wrong_move() {
+    let (folder, rig, plan) = inputs(5);
+    let served = ServedRig::start(&rig, &folder.path().join("photos"));
+    let rates = FaultRates { lost: 1e-3, flipped: 2e-3, doubled: 1e-3 };
+    let line = tcp::bad_line(served.address, rates, 3);
+    let said = acquire(folder.path(), &tcp::port(line), &NEW_RUN);
+    assert_eq!(said.code, Some(0), "{said:?}");
+    let exposures = served.exposures();
+    assert_eq!(exposures.len(), 2 + plan.poses.len(), "a repeated request was run twice");
+    assert_planned(&exposures, &rig, &plan);
+}
+
+#[test]
+fn a_line_on_which_nothing_gets_through_is_a_failure_and_nothing_moves() {
+    let (folder, rig, _) = inputs(2);
+    let served = ServedRig::start(&rig, &folder.path().join("photos"));
+    let rates = FaultRates { lost: 0.2, flipped: 0.4, doubled: 0.2 };
+    let line = tcp::bad_line(served.address, rates, 5);
+    let before = folder::listing(folder.path());
+    acquire(folder.path(), &tcp::port(line), &NEW_RUN).refuses(1, &["does not answer", "--resume"]);
+    assert_eq!(folder::listing(folder.path()), before, "a run was begun");
+    assert!(Axis::ALL.iter().all(|&axis| served.rig.steps_received(axis) == 0), "an axis was moved");
+}
+
+#[test]
+fn a_cable_pulled_out_is_a_failure_that_a_resumed_run_makes_good() {
+    let (folder, rig, plan) = inputs(5);
+    let served = ServedRig::start(&rig, &folder.path().join("photos"));
+    // Two dark frames and two poses.
+    let line = tcp::port(tcp::breaking_line(served.address, served.has_exposed(4)));
+    acquire(folder.path(), &line, &NEW_RUN).refuses(1, &["link", "was lost", "plug it in", "--resume"]);
+    let photographed = served.exposures().len();
+    let all = 2 + plan.poses.len();
+    assert!((4..all).contains(&photographed), "{photographed} photographs before the cable came out");
+    let said = acquire(folder.path(), &line, &["--resume"]);
+    assert_eq!(said.code, Some(0), "{said:?}");
+    let frames = folder::listing(&folder.path().join("run/frames"));
+    assert_eq!(frames.len(), all, "{frames:?}");
+}
