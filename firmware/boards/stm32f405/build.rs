@@ -5,10 +5,8 @@ use std::{env, fs};
 
 fn main() -> std::io::Result<()> {
     let out = PathBuf::from(env::var_os("OUT_DIR").ok_or(std::io::ErrorKind::NotFound)?);
-    for script in ["memory.x"] {
-        fs::copy(script, out.join(script))?;
-        println!("cargo::rerun-if-changed={script}");
-    }
+    fs::copy("memory.x", out.join("memory.x"))?;
+    println!("cargo::rerun-if-changed=memory.x");
     println!("cargo::rustc-link-search={}", out.display());
     Ok(())
 }

@@ -186,7 +186,7 @@ impl Lines {
         let ([s0, s1, s2, s3], [d0, d1, d2, d3]) = (self.steps, self.directions);
         let [e0, e1, e2, e3] = self.enables;
         // QEMU has no level on the switches' pins.
-        drop(self.homes);
+        let _ = self.homes;
         let plain = |pin| Line { pin, role: Role::None };
         let axis = |index: usize, step, direction, enable| AxisPins {
             step: Line { pin: step, role: Role::Step(&AXES[index]) },
