@@ -1,7 +1,9 @@
 //! The boards' programs: built, measured, compared with a snapshot, put where the tests look for them, and flashed.
 
+mod elf;
 mod rates;
 mod sizes;
+mod stack;
 mod toolchain;
 
 use std::fs;
@@ -11,6 +13,7 @@ use std::process::Command;
 use anyhow::{Context, Result, bail};
 
 use crate::packages;
+use elf::Elf;
 use sizes::Sizes;
 use toolchain::Toolchain;
 
@@ -19,13 +22,20 @@ struct Board {
     /// Its folder's name, and after `lobelia-` its program's.
     name: &'static str,
     target: &'static str,
+    /// Where its flash begins, and in it the vector table.
+    flash: u32,
     /// The chip's name for probe-rs; none for a board that is only emulated.
     chip: Option<&'static str>,
 }
 
 const BOARDS: [Board; 2] = [
-    Board { name: "lm3s6965", target: "thumbv7m-none-eabi", chip: None },
-    Board { name: "stm32f405", target: "thumbv7em-none-eabihf", chip: Some("STM32F405RGTx") },
+    Board { name: "lm3s6965", target: "thumbv7m-none-eabi", flash: 0, chip: None },
+    Board {
+        name: "stm32f405",
+        target: "thumbv7em-none-eabihf",
+        flash: 0x0800_0000,
+        chip: Some("STM32F405RGTx"),
+    },
 ];
 
 impl Board {
@@ -123,10 +133,15 @@ fn names(boards: &[&Board]) -> String {
 /// Builds the programs that real boards get, prints their sizes and compares them.
 fn build_and_measure(toolchain: &Toolchain, boards: &[&Board], update: bool) -> Result<()> {
     let mut measured = Vec::new();
-    println!("{:>12} {:>8} {:>8} {:>8}   bytes", "", "text", "data", "bss");
+    println!("{:>12} {:>8} {:>8} {:>8} {:>11}  in bytes", "", "text", "data", "bss", "worst stack");
     for board in boards {
-        let sizes = Sizes::of(&board.build(toolchain, None)?)?;
-        println!("{:>12} {:>8} {:>8} {:>8}", board.name, sizes.text, sizes.data, sizes.bss);
+        let program = Elf::read(&board.build(toolchain, None)?)?;
+        let sizes = Sizes::of(&program);
+        let stack = stack::worst(&program, board.flash);
+        let Sizes { text, data, bss } = sizes;
+        print!("{:>12} {text:>8} {data:>8} {bss:>8} {:>11}", board.name, stack.bytes);
+        let recursive = if stack.recursive { " and of recursion" } else { "" };
+        println!("  without what is below {} calls through pointers{recursive}", stack.pointers);
         measured.push((board.name, sizes));
     }
     sizes::check(&root().join("firmware/boards/sizes.toml"), &toolchain.release, &measured, update)

@@ -6,6 +6,8 @@ use std::path::Path;
 
 use anyhow::{Context, Result, bail};
 
+use super::elf::{Elf, Section};
+
 /// A program may grow by so many per cent without the snapshot's being renewed.
 const GROWTH_PERCENT: u64 = 2;
 
@@ -21,35 +23,19 @@ pub(crate) struct Sizes {
 }
 
 impl Sizes {
-    /// Of a 32-bit little-endian ELF file.
-    pub(crate) fn of(program: &Path) -> Result<Self> {
-        let bytes = fs::read(program).with_context(|| program.display().to_string())?;
-        sections(&bytes).with_context(|| format!("{} is no 32-bit ELF file", program.display()))
-    }
-}
-
-fn sections(elf: &[u8]) -> Option<Sizes> {
-    const NOBITS: u32 = 8;
-    const WRITE: u32 = 1;
-    const ALLOC: u32 = 2;
-    let half = |at: usize| Some(u16::from_le_bytes(elf.get(at..at + 2)?.try_into().ok()?));
-    let word = |at: usize| Some(u32::from_le_bytes(elf.get(at..at + 4)?.try_into().ok()?));
-    if elf.get(..6)? != b"\x7fELF\x01\x01" {
-        return None;
-    }
-    let (start, size, count) = (word(32)? as usize, usize::from(half(46)?), usize::from(half(48)?));
-    let mut sizes = Sizes { text: 0, data: 0, bss: 0 };
-    for section in 0..count {
-        let header = start + section * size;
-        let (kind, flags, bytes) = (word(header + 4)?, word(header + 8)?, u64::from(word(header + 20)?));
-        match (flags & ALLOC != 0, flags & WRITE != 0) {
-            (false, _) => {}
-            (true, true) if kind == NOBITS => sizes.bss += bytes,
-            (true, true) => sizes.data += bytes,
-            (true, false) => sizes.text += bytes,
+    /// Of a program.
+    pub(crate) fn of(program: &Elf) -> Self {
+        let mut sizes = Self { text: 0, data: 0, bss: 0 };
+        for section in program.sections.iter().filter(|section| section.flags & Section::ALLOC != 0) {
+            let kind = match section.flags & Section::WRITE != 0 {
+                true if section.is_zero() => &mut sizes.bss,
+                true => &mut sizes.data,
+                false => &mut sizes.text,
+            };
+            *kind += section.size as u64;
         }
+        sizes
     }
-    Some(sizes)
 }
 
 /// Compares with the snapshot, or renews it.
@@ -120,7 +106,7 @@ mod tests {
 
     #[test]
     fn what_is_no_elf_file_has_no_sizes() {
-        assert_eq!(sections(b"\x7fELF\x02\x01 64 bits"), None);
-        assert_eq!(sections(b""), None);
+        assert!(Elf::parse(b"\x7fELF\x02\x01 64 bits".to_vec()).is_none());
+        assert!(Elf::parse(Vec::new()).is_none());
     }
 }
