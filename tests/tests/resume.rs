@@ -83,12 +83,21 @@ impl Reference {
 
     /// Resumes a killed run as a new process would, develops it and compares all that matters.
     fn check(&self, run: &Path, what: &str) {
+        self.check_photographs(run, what);
+        folder::assert_same(&small::develop(run), &self.run().join("sampled.zarr"), what);
+    }
+
+    /// Resumes a killed run and compares what its reflectance is developed from.
+    fn check_photographs(&self, run: &Path, what: &str) {
         small::resume(run, small::layout);
         let journal = fs::read(run.join(journal::FILE_NAME)).unwrap();
         assert!(journal == self.lines.concat(), "{what}: another journal");
         let truth = simulated::read_truth(run, POSES).unwrap();
         assert_eq!(truth, simulated::read_truth(&self.run(), POSES).unwrap(), "{what}");
-        folder::assert_same(&small::develop(run), &self.run().join("sampled.zarr"), what);
+        for exposure in self.records.iter().flat_map(exposures) {
+            let bytes = |run: &Path| fs::read(run.join(&exposure.file)).unwrap();
+            assert!(bytes(run) == bytes(&self.run()), "{what}: {} differs", exposure.file);
+        }
     }
 }
 
@@ -238,7 +247,12 @@ fn a_journal_cut_at_every_byte_of_its_last_three_records_gives_the_same_sampled_
     cuts.par_iter().for_each(|&(records, bytes)| {
         let folder = tempfile::tempdir().unwrap();
         reference.killed(folder.path(), records, bytes, DEBRIS[bytes % 4]);
-        reference.check(folder.path(), &format!("cut after record {records} and {bytes} bytes"));
+        let what = format!("cut after record {records} and {bytes} bytes");
+        if bytes % 16 == 0 {
+            reference.check(folder.path(), &what);
+        } else {
+            reference.check_photographs(folder.path(), &what);
+        }
     });
 }
 

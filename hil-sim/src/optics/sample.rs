@@ -116,27 +116,36 @@ impl SampleLayout {
 
     /// The material at a point of the sample.
     pub fn at(&self, x_mm: f64, y_mm: f64) -> &Material {
+        let (index, turned) = self.place(x_mm, y_mm);
+        if turned { &self.across[index] } else { &self.along[index] }
+    }
+
+    /// The number of the material at a point of the sample.
+    pub fn index_at(&self, x_mm: f64, y_mm: f64) -> usize {
+        self.place(x_mm, y_mm).0
+    }
+
+    /// The number of the material at a point of the sample, and whether it is turned by 90°.
+    fn place(&self, x_mm: f64, y_mm: f64) -> (usize, bool) {
         let count = self.along.len();
         // Columns from the left edge, rows from the top, as in images.
         let (right, down) = (x_mm + self.width_mm / 2.0, self.height_mm / 2.0 - y_mm);
         let cell = |length: f64, size: f64| (length / size).floor().max(0.0) as usize;
         match &self.pattern {
-            Pattern::Stripes { width_mm } => &self.along[cell(right, *width_mm) % count],
-            Pattern::Checks { size_mm } => {
-                &self.along[(cell(right, *size_mm) + cell(down, *size_mm)) % count]
-            }
+            Pattern::Stripes { width_mm } => (cell(right, *width_mm) % count, false),
+            Pattern::Checks { size_mm } => ((cell(right, *size_mm) + cell(down, *size_mm)) % count, false),
             Pattern::Weave { pitch_mm } => {
                 let (column, row) = (cell(right, *pitch_mm), cell(down, *pitch_mm));
                 if (column + row).is_multiple_of(2) {
-                    &self.along[(2 * column) % count]
+                    ((2 * column) % count, false)
                 } else {
-                    &self.across[(2 * row + 1) % count]
+                    ((2 * row + 1) % count, true)
                 }
             }
             Pattern::Image { columns, rows, indices } => {
                 let column = cell(right, self.width_mm / *columns as f64).min(columns - 1);
                 let row = cell(down, self.height_mm / *rows as f64).min(rows - 1);
-                &self.along[usize::from(indices[row * columns + column]) % count]
+                (usize::from(indices[row * columns + column]) % count, false)
             }
         }
     }

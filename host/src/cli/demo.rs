@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use clap::Args;
 
 use super::Context;
-use crate::demo::{self, DemoOutcome, Size, page, pictures, truth};
+use crate::demo::{self, DemoOutcome, FitOutcome, Settings, Size, page, pictures, truth};
 use crate::error::{Error, Result};
 use crate::report::Report;
 
@@ -18,13 +18,36 @@ pub(super) struct DemoArgs {
     /// How much to measure
     #[arg(long, value_enum, default_value_t = Size::Medium)]
     size: Size,
+    /// Number of poses, instead of the size's
+    #[arg(long, value_parser = clap::value_parser!(u32).range(4..))]
+    poses: Option<u32>,
+    /// What to measure instead of the demo's brocade, see `lobelia template material`
+    #[arg(long, value_name = "MATERIAL.toml")]
+    material: Option<PathBuf>,
+    /// Lobes of the result, 0 to 3
+    #[arg(long, default_value_t = 2)]
+    lobes: usize,
+    /// Lobes of its own for every channel of the result
+    #[arg(long, conflicts_with = "anisotropic")]
+    separate_channels: bool,
+    /// Anisotropic lobes, and poses for them
+    #[arg(long)]
+    anisotropic: bool,
 }
 
 /// Runs `lobelia demo`.
 pub(super) fn run(args: &DemoArgs, context: &mut Context) -> Result<()> {
     clear(&args.out)?;
     let seed = context.seed;
-    let outcome = demo::run(&args.out, args.size, seed, &mut context.report)?;
+    let settings = Settings {
+        poses: args.poses.map(|poses| poses as usize),
+        recipe: args.material.clone(),
+        lobes: args.lobes,
+        separate_channels: args.separate_channels,
+        anisotropic: args.anisotropic,
+        ..Settings::new(args.size, seed)
+    };
+    let outcome = demo::run(&args.out, &settings, &mut context.report)?;
     let result = outcome.fits.last().ok_or_else(|| Error::failure("the demo made no fit"))?;
     let (pictures, no_gpu) =
         pictures::render(&result.map, args.size.picture(), &args.out, seed, &mut context.report)?;
@@ -58,11 +81,23 @@ fn print(outcome: &DemoOutcome, report: &Report) {
     for error in report.errors.iter().filter(|error| error.name == "registration_rms") {
         println!("registration: {:.3} texel RMS over {}", error.value, error.over);
     }
-    println!("reflectance on unposed direction pairs, relative RMS error, median over texels:");
+    println!(
+        "reflectance on unposed direction pairs, relative RMS error, median over texels (and over each material's):"
+    );
     for fit in &outcome.fits {
         let error = 100.0 * truth::median(&fit.errors);
-        println!("{error:>8.2} %  {}, {} lobes", fit.method.name(), fit.lobes);
+        println!("{error:>8.2} %  {}{}", page::fit_name(fit), of_materials(outcome, fit));
     }
+}
+
+/// The median error of every material's texels, in brackets; nothing for a sample of one material.
+fn of_materials(outcome: &DemoOutcome, fit: &FitOutcome) -> String {
+    let medians = outcome.medians_by_material(fit);
+    if medians.len() < 2 {
+        return String::new();
+    }
+    let percent = medians.iter().map(|median| format!("{:.2}", 100.0 * median));
+    format!(" ({})", percent.collect::<Vec<_>>().join(", "))
 }
 
 /// The file by which a folder is known to be a demo's, whose content may be replaced.

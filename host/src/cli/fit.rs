@@ -37,6 +37,9 @@ pub(super) struct FitArgs {
     /// Isotropic lobes only: Cx = Cy, no direction of anisotropy. Tables are always fitted so
     #[arg(long)]
     pub(super) isotropic: bool,
+    /// Lobes of its own for every channel of a sampled SBRDF, instead of shapes that the channels share; implies --isotropic
+    #[arg(long)]
+    pub(super) separate_channels: bool,
     /// Take the diffuse term from this percentile of a texel's samples instead of fitting it with the lobes
     #[arg(long, value_name = "PERCENT")]
     pub(super) diffuse_percentile: Option<f64>,
@@ -176,7 +179,8 @@ fn fit_sampled(args: &FitArgs) -> Result<FitOutcome> {
     let options = FitOptions {
         lobes: args.lobes(),
         method: args.method(),
-        isotropic: args.isotropic,
+        isotropic: args.isotropic || args.separate_channels,
+        separate_channels: args.separate_channels,
         diffuse: args.diffuse_percentile.map_or(Diffuse::Joint, Diffuse::Percentile),
         residual: args.residual(FitOptions::default().residual),
     };

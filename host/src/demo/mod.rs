@@ -3,6 +3,9 @@
 
 use std::path::{Path, PathBuf};
 
+use lobelia_hil_sim::optics::SampleLayout;
+
+use crate::acquire::recipe::Recipe;
 use crate::acquire::{self, RunFolder, simulated};
 use crate::develop::{self, Developed};
 use crate::error::{Error, Result};
@@ -11,7 +14,7 @@ use crate::fit::{self, FitOptions, Method};
 use crate::plan::{self, Extent};
 use crate::reflectance::SbrdfMap;
 use crate::report::Report;
-use crate::rig::config::RigConfig;
+use crate::rig::config::{Carrier, RigConfig};
 
 pub mod page;
 pub mod pictures;
@@ -63,12 +66,60 @@ impl Size {
     }
 }
 
+/// What to measure and how to fit it.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Settings {
+    /// How much to measure.
+    pub size: Size,
+    /// Poses, instead of the size's.
+    pub poses: Option<usize>,
+    /// What lies on the carrier, instead of the demo's brocade.
+    pub recipe: Option<PathBuf>,
+    /// Lobes of the result.
+    pub lobes: usize,
+    /// Whether every channel of the result has lobes of its own.
+    pub separate_channels: bool,
+    /// Whether the result's lobes may be anisotropic; poses are then chosen for it too.
+    pub anisotropic: bool,
+    /// Seed of every random choice.
+    pub seed: u64,
+}
+
+impl Settings {
+    /// The demo as it comes, at a size.
+    pub fn new(size: Size, seed: u64) -> Self {
+        Self { size, poses: None, recipe: None, lobes: 2, separate_channels: false, anisotropic: false, seed }
+    }
+
+    /// The fits to compare, the result last.
+    fn fits(&self) -> [FitOptions; 3] {
+        let one = |method| FitOptions { lobes: 1, method, ..FitOptions::default() };
+        let result = FitOptions {
+            lobes: self.lobes,
+            separate_channels: self.separate_channels,
+            isotropic: !self.anisotropic,
+            ..FitOptions::default()
+        };
+        [one(Method::LineSearch), one(Method::Lm), result]
+    }
+
+    /// The sample that lies on the carrier.
+    fn layout(&self, carrier: &Carrier) -> Result<SampleLayout> {
+        match &self.recipe {
+            Some(path) => Recipe::read(path, carrier),
+            None => sample::layout(carrier),
+        }
+    }
+}
+
 /// One fit and how wrong it is.
 pub struct FitOutcome {
     /// Method.
     pub method: Method,
     /// Lobes.
     pub lobes: usize,
+    /// Whether every channel has lobes of its own.
+    pub separate_channels: bool,
     /// The map.
     pub map: SbrdfMap,
     /// Duration, s.
@@ -94,17 +145,20 @@ pub struct DemoOutcome {
 /// Runs the chain into `folder` and notes stages, errors and figures in `report`.
 ///
 /// # Errors
-/// When the folder holds a run already, or the disk refuses.
-pub fn run(folder: &Path, size: Size, seed: u64, report: &mut Report) -> Result<DemoOutcome> {
-    let rig = size.rig(seed);
-    let (_, poses, _) = size.numbers();
-    let plan = report.stage("plan", || plan::make(&rig, Extent::Budget(poses), true, seed))?;
+/// When the settings ask for what cannot be fitted, the recipe is wrong, the folder holds a run already, or the disk refuses.
+pub fn run(folder: &Path, settings: &Settings, report: &mut Report) -> Result<DemoOutcome> {
+    settings.fits().iter().try_for_each(FitOptions::check)?;
+    let rig = settings.size.rig(settings.seed);
+    // Read before anything is simulated, so that a wrong recipe is told at once.
+    let bench = simulated::bench(&rig, settings.layout(&rig.carrier)?);
+    let poses = settings.poses.unwrap_or(settings.size.numbers().1);
+    let extent = Extent::Budget(poses);
+    let plan = report.stage("plan", || plan::make(&rig, extent, !settings.anisotropic, settings.seed))?;
 
     let run_folder = folder.join("run");
-    let layout = || sample::layout(&rig.carrier);
     report.stage("acquire", || -> Result<()> {
         let (run, mut journal) = RunFolder::create(&run_folder, &plan, &rig)?;
-        let mut station = simulated::station(&rig, layout()?)?;
+        let mut station = simulated::station(&rig, settings.layout(&rig.carrier)?)?;
         acquire::run(&run, &mut journal, &mut station).map(|_| ())
     })?;
     let run = RunFolder::open(&run_folder)?;
@@ -115,16 +169,15 @@ pub fn run(folder: &Path, size: Size, seed: u64, report: &mut Report) -> Result<
         Ok(developed)
     })?;
 
-    let bench = simulated::bench(&rig, layout()?);
-    let pairs = truth::unposed_pairs(seed);
+    let pairs = truth::unposed_pairs(settings.seed);
     let mut fits = Vec::new();
-    for (method, lobes) in [(Method::LineSearch, 1), (Method::Lm, 1), (Method::Lm, 2)] {
-        let options = FitOptions { lobes, method, ..FitOptions::default() };
-        let name = format!("fit {} {lobes}", method.name());
+    for options in settings.fits() {
+        let name = format!("fit {} {}", options.method.name(), options.lobes);
         let map = report.stage(&name, || fit::fit_sbrdf(&developed.sampled, &options))?;
         let seconds = report.stages.last().map_or(0.0, |stage| stage.seconds);
         let errors = truth::reflectance_errors(&rig, &bench, &map, &pairs);
-        fits.push(FitOutcome { method, lobes, map, seconds, errors });
+        let FitOptions { method, lobes, separate_channels, .. } = options;
+        fits.push(FitOutcome { method, lobes, separate_channels, map, seconds, errors });
     }
     if let Some(result) = fits.last() {
         let path = folder.join("material.exr");
@@ -145,11 +198,16 @@ pub fn run(folder: &Path, size: Size, seed: u64, report: &mut Report) -> Result<
 fn note_figures(outcome: &DemoOutcome, report: &mut Report) {
     for fit in &outcome.fits {
         let over = format!("median over texels, {} unposed direction pairs each", truth::PAIRS);
-        report.errors.push(
-            ErrorFigure::new("relative_rms_reflectance", truth::median(&fit.errors), "1", over)
+        let figure = |median: f64| {
+            ErrorFigure::new("relative_rms_reflectance", median, "1", over.clone())
                 .with("method", fit.method.name())
-                .with("lobes", fit.lobes),
-        );
+                .with("lobes", fit.lobes)
+                .with("separate_channels", fit.separate_channels)
+        };
+        report.errors.push(figure(truth::median(&fit.errors)));
+        for (material, median) in outcome.medians_by_material(fit).into_iter().enumerate() {
+            report.errors.push(figure(median).with("material", material));
+        }
     }
     let count = outcome.registration_texels.len();
     let squares: f64 = outcome.registration_texels.iter().map(|e| e * e).sum();
@@ -164,7 +222,17 @@ fn note_figures(outcome: &DemoOutcome, report: &mut Report) {
     report.figure("sensor_px", vec![camera.width, camera.height]);
 }
 
-/// Where the demo writes when no folder is named.
-pub fn default_folder() -> PathBuf {
-    PathBuf::from("demo-out")
+impl DemoOutcome {
+    /// The median of a fit's errors over the texels of each material.
+    pub fn medians_by_material(&self, fit: &FitOutcome) -> Vec<f64> {
+        let sampled = &self.developed.sampled;
+        let mut errors: Vec<Vec<f32>> = Vec::new();
+        for (texel, &error) in fit.errors.iter().enumerate() {
+            let place = sampled.position_mm(texel);
+            let material = self.bench.config().sample.index_at(place.x, place.y);
+            errors.resize(errors.len().max(material + 1), Vec::new());
+            errors[material].push(error);
+        }
+        errors.iter().map(|errors| truth::median(errors)).collect()
+    }
 }

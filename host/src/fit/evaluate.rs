@@ -27,9 +27,9 @@ pub fn relative_l2(samples: impl Iterator<Item = (f64, f64, f64)>) -> f64 {
     if whole > 0.0 { (error / whole).sqrt() } else { 0.0 }
 }
 
-/// RMS of the residual over samples and channels in sr⁻¹, and the same over the RMS of the samples. `channels` holds ρ_d and
-/// the lobes' amplitudes.
-pub fn residual(samples: &Samples, model: &Model, channels: &[Vec<f64>; 3]) -> (f64, f64) {
+/// Sums over samples and channels of the squared residual and of the squared samples, sr⁻². `amplitudes` holds, for each of the
+/// `channels`, ρ_d and the lobes' amplitudes.
+pub fn squares(samples: &Samples, model: &Model, channels: &[usize], amplitudes: &[Vec<f64>]) -> (f64, f64) {
     let turned = Turned::new(model.beta);
     let (mut error, mut whole) = (0.0, 0.0);
     let mut shapes = vec![0.0; model.lobes.len()];
@@ -38,14 +38,14 @@ pub fn residual(samples: &Samples, model: &Model, channels: &[Vec<f64>; 3]) -> (
         for (shape, lobe) in shapes.iter_mut().zip(&model.lobes) {
             *shape = lobe.shape(products);
         }
-        for (measured, amplitudes) in rgb.iter().zip(channels) {
+        for (&channel, amplitudes) in channels.iter().zip(amplitudes) {
+            let measured = rgb[channel];
             let lobes: f64 = shapes.iter().zip(&amplitudes[1..]).map(|(s, a)| s * a).sum();
             error += (amplitudes[0] + lobes - measured).powi(2);
             whole += measured * measured;
         }
     }
-    let count = (3 * samples.len()).max(1) as f64;
-    ((error / count).sqrt(), if whole > 0.0 { (error / whole).sqrt() } else { 0.0 })
+    (error, whole)
 }
 
 #[cfg(test)]

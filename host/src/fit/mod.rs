@@ -162,6 +162,8 @@ pub struct FitOptions {
     pub method: Method,
     /// Cx = Cy and β = 0.
     pub isotropic: bool,
+    /// Lobes of its own for every channel, instead of shapes shared by all three; isotropic only, since a texel has one β.
+    pub separate_channels: bool,
     /// Source of ρ_d.
     pub diffuse: Diffuse,
     /// Scale of comparison.
@@ -174,6 +176,7 @@ impl Default for FitOptions {
             lobes: 1,
             method: Method::Lm,
             isotropic: true,
+            separate_channels: false,
             diffuse: Diffuse::Joint,
             residual: Residual::Proportional,
         }
@@ -184,7 +187,8 @@ impl FitOptions {
     /// Refuses what no method can do.
     ///
     /// # Errors
-    /// Too many lobes, more than one with the line search, or a percentile outside 0..100.
+    /// Too many lobes, more than one with the line search, anisotropic lobes of separate channels, or a percentile outside
+    /// 0..100.
     pub fn check(&self) -> Result<()> {
         if self.lobes > MOST_LOBES {
             return Err(Error::input(format!(
@@ -197,6 +201,11 @@ impl FitOptions {
                 "the line search fits one lobe, not {}; use --method lm for more",
                 self.lobes
             )));
+        }
+        if self.separate_channels && !self.isotropic {
+            return Err(Error::input(
+                "lobes of separate channels must be isotropic: a texel has one direction of anisotropy",
+            ));
         }
         match self.diffuse {
             Diffuse::Percentile(percentile) if !(0.0..=100.0).contains(&percentile) => {
@@ -244,7 +253,8 @@ fn load(samples: &mut samples::Samples, sampled: &SampledSbrdf, index: usize) {
 
 /// The map of the fits, with planes of errors and provenance.
 fn map_of(sampled: &SampledSbrdf, options: &FitOptions, fits: &[TexelFit]) -> SbrdfMap {
-    let mut map = SbrdfMap::new(sampled.width, sampled.height, options.lobes);
+    let planes = options.lobes * if options.separate_channels { 3 } else { 1 };
+    let mut map = SbrdfMap::new(sampled.width, sampled.height, planes);
     for (index, fit) in fits.iter().enumerate() {
         map.set(index, &fit.brdf);
     }

@@ -1,6 +1,6 @@
 //! Starts for the optimiser: a deterministic search through a bank of lobe shapes, and random ones to compare it with.
 //!
-//! The bank holds shapes for directions of C all round the (Cxy, Cz) circle and n = 1, 2, 4, … ([`Bank`]; one squaring takes a shape to
+//! The bank holds shapes for directions of C all round the (Cxy, Cz) circle and n = 1, 2, 4, … (`Bank`; one squaring takes a shape to
 //! the next exponent). The amplitudes that go best with a set of shapes follow in closed form (non-negative least squares).
 //! The search adds lobes one after the other: every set of the beam is joined by the shapes that are local maxima of
 //! explained variance over the bank, the best sets are optimised for a few steps, and the best of those go on. The

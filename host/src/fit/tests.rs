@@ -167,3 +167,17 @@ fn the_percentile_keeps_its_value_in_the_fit() {
         assert!((f64::from(fit.brdf.rho_d.x) - expected).abs() < 1e-6);
     }
 }
+
+/// 200 poses put less than two into a highlight of n above 150, so those of clay (n to 201) and of brushed metal (196) are
+/// met less well.
+#[test]
+fn published_materials_with_noise_come_back_within_three_percent_unless_the_poses_miss_their_highlights() {
+    let options = FitOptions { lobes: 3, separate_channels: true, ..Default::default() };
+    for name in materials::NAMES {
+        let truth = materials::published(name).unwrap();
+        let errors = errors(20, &options, |_| truth.clone());
+        println!("{name}: median {:.4}, worst {:.4}", median(&errors), errors[19]);
+        let bound = if ["clay", "brushed-metal"].contains(&name) { 0.10 } else { 0.03 };
+        assert!(median(&errors) < bound, "{name}: {errors:?}");
+    }
+}

@@ -1,6 +1,7 @@
 //! One texel: shapes from its luminance, colours channel by channel.
 
 use super::lm::{Freedom, Optimiser};
+use super::model::Model;
 use super::samples::{Samples, Target};
 use super::start::{Effort, Problem, Search};
 use super::{Diffuse, FitOptions, Method, albedo, diffuse, evaluate, line_search};
@@ -29,43 +30,93 @@ pub struct TexelFit {
     pub samples: usize,
 }
 
+/// The channels that share their lobes' shapes, and what the shapes are fitted to.
+const TOGETHER: [&[usize]; 1] = [&[0, 1, 2]];
+const APART: [&[usize]; 3] = [&[0], &[1], &[2]];
+
 /// Fits the samples in the workspace. With fewer samples than unknowns fewer lobes are fitted, with none the texel is black.
 pub fn fit(workspace: &mut Workspace, options: &FitOptions) -> TexelFit {
-    let Workspace { samples, target, optimiser, search } = workspace;
-    let count = samples.len();
+    let count = workspace.samples.len();
+    let lobes = affordable_lobes(count, options);
+    let fixed = fixed_diffuse(&workspace.samples, options, lobes);
+    let groups: &[&[usize]] = if options.separate_channels { &APART } else { &TOGETHER };
+    let mut brdf = LobeBrdf::default();
+    let (mut error, mut whole) = (0.0, 0.0);
+    for channels in groups {
+        let model = shapes(workspace, options, lobes, channels, fixed);
+        let Workspace { samples, target, .. } = &mut *workspace;
+        let mut amplitudes = Vec::with_capacity(channels.len());
+        for &channel in *channels {
+            target.set(samples, samples.rgb.iter().map(|rgb| rgb[channel]), options.residual);
+            amplitudes.push(albedo::solve(samples, target, &model, fixed.map(|rgb| rgb[channel])));
+        }
+        let colour_of = |index: usize| {
+            let mut colour = Rgb::ZERO;
+            for (&channel, amplitudes) in channels.iter().zip(&amplitudes) {
+                colour[channel] = amplitudes[index] as f32;
+            }
+            colour
+        };
+        let rho_s: Vec<Rgb> = (1..=model.lobes.len()).map(colour_of).collect();
+        let group = model.to_brdf(colour_of(0), &rho_s);
+        brdf.rho_d += group.rho_d;
+        brdf.beta = group.beta;
+        brdf.lobes.extend(group.lobes);
+        let squares = evaluate::squares(samples, &model, channels, &amplitudes);
+        (error, whole) = (error + squares.0, whole + squares.1);
+    }
+    let rms = (error / (3 * count).max(1) as f64).sqrt();
+    let relative = if whole > 0.0 { (error / whole).sqrt() } else { 0.0 };
+    TexelFit { brdf, rms, relative, samples: count }
+}
+
+/// The lobes asked for, or as many as `count` samples can tell apart.
+fn affordable_lobes(count: usize, options: &FitOptions) -> usize {
     let per_lobe = if options.isotropic { 3 } else { 4 };
     let unknowns = |lobes: usize| 1 + lobes * per_lobe + usize::from(!options.isotropic);
-    let lobes = (0..=options.lobes).rev().find(|&lobes| lobes == 0 || count > unknowns(lobes)).unwrap_or(0);
-    let fixed = match (options.diffuse, options.method) {
+    (0..=options.lobes).rev().find(|&lobes| lobes == 0 || count > unknowns(lobes)).unwrap_or(0)
+}
+
+/// The diffuse term a channel where it is not fitted with the lobes. A percentile says what lies below the lobes; without
+/// lobes it would only bias the mean.
+fn fixed_diffuse(samples: &Samples, options: &FitOptions, lobes: usize) -> Option<[f64; 3]> {
+    match (options.diffuse, options.method) {
+        _ if lobes == 0 => None,
         (Diffuse::Joint, Method::Lm) => None,
         (Diffuse::Percentile(percentile), _) => Some(percentile_of(samples, percentile)),
         (Diffuse::Joint, Method::LineSearch) => Some(percentile_of(samples, super::PERCENTILE)),
-    };
-    // A percentile says what lies below the lobes; without lobes it would only bias the mean.
-    let fixed = if lobes == 0 { None } else { fixed };
-    let fixed_luminance =
-        fixed.map(|rgb| f64::from(colour::luminance(Rgb::from_array(rgb.map(|x| x as f32)))));
-    let freedom = Freedom { isotropic: options.isotropic, diffuse: fixed.is_none() };
-    target.set(samples, samples.value.iter().copied(), options.residual);
-    let model = match options.method {
-        Method::LineSearch if lobes > 0 => {
-            line_search::fit(samples, target, fixed_luminance.unwrap_or(0.0), freedom)
+    }
+}
+
+/// The lobes' shapes from one channel, or from the luminance of all three.
+fn shapes(
+    workspace: &mut Workspace,
+    options: &FitOptions,
+    lobes: usize,
+    channels: &[usize],
+    fixed: Option<[f64; 3]>,
+) -> Model {
+    let Workspace { samples, target, optimiser, search } = workspace;
+    let luminance = |rgb: [f64; 3]| f64::from(colour::luminance(Rgb::from_array(rgb.map(|x| x as f32))));
+    let diffuse = match channels {
+        [channel] => {
+            target.set(samples, samples.rgb.iter().map(|rgb| rgb[*channel]), options.residual);
+            fixed.map(|rgb| rgb[*channel])
         }
         _ => {
-            let problem = Problem { samples, target, freedom, fixed_diffuse: fixed_luminance.unwrap_or(0.0) };
-            search.best(optimiser, &problem, lobes, Effort::TEXEL).0
+            target.set(samples, samples.value.iter().copied(), options.residual);
+            fixed.map(luminance)
         }
     };
-    let mut channels = [const { Vec::new() }; 3];
-    for (channel, amplitudes) in channels.iter_mut().enumerate() {
-        target.set(samples, samples.rgb.iter().map(|rgb| rgb[channel]), options.residual);
-        *amplitudes = albedo::solve(samples, target, &model, fixed.map(|rgb| rgb[channel]));
+    let freedom = Freedom { isotropic: options.isotropic, diffuse: diffuse.is_none() };
+    let fixed_diffuse = diffuse.unwrap_or(0.0);
+    match options.method {
+        Method::LineSearch if lobes > 0 => line_search::fit(samples, target, fixed_diffuse, freedom),
+        _ => {
+            let problem = Problem { samples, target, freedom, fixed_diffuse };
+            search.best(optimiser, &problem, lobes, Effort::TEXEL).0
+        }
     }
-    let colour_of = |index: usize| Rgb::from_array(std::array::from_fn(|c| channels[c][index] as f32));
-    let rho_s: Vec<Rgb> = (1..=model.lobes.len()).map(colour_of).collect();
-    let brdf = model.to_brdf(colour_of(0), &rho_s);
-    let (rms, relative) = evaluate::residual(samples, &model, &channels);
-    TexelFit { brdf, rms, relative, samples: count }
 }
 
 /// The percentile of every channel.

@@ -26,13 +26,14 @@ pub(super) fn section(outcome: &DemoOutcome, report: &Report) -> String {
 }
 
 /// What a fit is called.
-pub(super) fn fit_name(fit: &FitOutcome) -> String {
+pub fn fit_name(fit: &FitOutcome) -> String {
     let method = match fit.method.name() {
         "lm" => "Levenberg–Marquardt",
         "line-search" => "Line search",
         other => other,
     };
-    format!("{method}, {} {}", fit.lobes, if fit.lobes == 1 { "lobe" } else { "lobes" })
+    let channel = if fit.separate_channels { " a channel" } else { "" };
+    format!("{method}, {} {}{channel}", fit.lobes, if fit.lobes == 1 { "lobe" } else { "lobes" })
 }
 
 /// The fits side by side, on the same axes.
@@ -176,6 +177,6 @@ fn table(errors: &[ErrorFigure]) -> String {
     };
     format!(
         "<table class=\"figures\"><thead><tr><th>figure</th><th class=\"number\">value</th><th>unit</th><th>over</th></tr></thead><tbody>\n{}</tbody></table>",
-        errors.iter().map(row).collect::<String>()
+        errors.iter().filter(|error| !error.depends.contains_key("material")).map(row).collect::<String>()
     )
 }

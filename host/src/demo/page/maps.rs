@@ -71,9 +71,10 @@ fn lobe_maps(width: usize, lobes: &[Option<Lobe>]) -> Result<String> {
     let signed = Scale::linear(-1.0, 1.0);
     let mut figures = colours("ρ<sub>s</sub>", "specular reflectance", width, &rho_s)?;
     figures += &scalars("n, exponent", "", width, &n, Scale::of(&n, 0.01, 0.99, true), ColourMap::Viridis)?;
-    for (name, values) in
-        [("C<sub>x</sub>", plane(|lobe| lobe.c.x)), ("C<sub>z</sub>", plane(|lobe| lobe.c.z))]
-    {
+    let anisotropic = lobes.iter().flatten().any(|lobe| lobe.c.x != lobe.c.y);
+    let across = anisotropic.then(|| ("C<sub>y</sub>", plane(|lobe| lobe.c.y)));
+    let along = [("C<sub>x</sub>", plane(|lobe| lobe.c.x)), ("C<sub>z</sub>", plane(|lobe| lobe.c.z))];
+    for (name, values) in along.into_iter().chain(across) {
         figures += &scalars(name, "", width, &values, signed, ColourMap::Signed)?;
     }
     Ok(figures)

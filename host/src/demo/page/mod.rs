@@ -22,6 +22,8 @@ mod texels;
 mod texture;
 mod timing;
 
+pub use errors::fit_name;
+
 /// A rendered picture for the top of the page.
 pub struct Rendered {
     /// What it shows.

@@ -27,7 +27,14 @@ fn tiny_page() -> &'static str {
         let options = FitOptions::default();
         let map = fit::fit_sbrdf(&developed.sampled, &options).unwrap();
         let errors = truth::reflectance_errors(&rig, &bench, &map, &truth::unposed_pairs(1)[..20]);
-        let fits = vec![FitOutcome { method: options.method, lobes: 1, map, seconds: 0.5, errors }];
+        let fits = vec![FitOutcome {
+            method: options.method,
+            lobes: 1,
+            separate_channels: false,
+            map,
+            seconds: 0.5,
+            errors,
+        }];
         let outcome = DemoOutcome { run, developed, bench, fits, registration_texels: vec![0.01, 0.02] };
         let mut report = Report::new("demo", 1);
         report.stage("a stage with <angles>", || ());

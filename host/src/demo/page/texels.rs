@@ -61,12 +61,8 @@ fn coefficients(result: &FitOutcome, texel: &Chosen<'_>) -> String {
             rows += &row(name, lobes.get(rank).map(value), true_lobes.get(rank).map(value));
         };
         coefficient("ρ<sub>s</sub>, sr⁻¹", |lobe| rgb(lobe.rho_s));
-        coefficient("C<sub>x</sub>, C<sub>z</sub>", |lobe| {
-            format!(
-                "{}, {}",
-                numbers::significant(f64::from(lobe.c.x), 3),
-                numbers::significant(f64::from(lobe.c.z), 3)
-            )
+        coefficient("C<sub>x</sub>, C<sub>y</sub>, C<sub>z</sub>", |lobe| {
+            lobe.c.to_array().map(|c| numbers::significant(f64::from(c), 3)).join(", ")
         });
         coefficient("n", |lobe| numbers::significant(f64::from(lobe.n), 3));
     }
