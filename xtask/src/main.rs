@@ -1,5 +1,6 @@
 //! Project tasks, run as `cargo xtask TASK`.
 
+mod firmware;
 mod packages;
 
 use std::process::{Command, ExitCode};
@@ -11,16 +12,23 @@ const HELP: &str = "cargo xtask TASK
 
   test    formatting, clippy, documentation, and all unit, property, end-to-end and doc tests
   long    the long sweeps that `test` leaves out
+  firmware [--board lm3s6965|stm32f405] [--update] [--rates]
+          builds the boards' programs with clippy, prints and checks their sizes (--update renews the snapshot);
+          --rates counts the instructions of a step
+  flash   writes the stm32f405's program by probe-rs
   help    this text
 
 `test` installs the software Vulkan driver that the GPU tests need when it runs as root on a Debian-like machine, and
-names it otherwise; without it those tests are skipped and say so.";
+names it otherwise; without it those tests are skipped and say so. So it does with QEMU and a compiler for the boards, without
+which the tests of the boards' programs are skipped, or fail where the environment has CI=true.";
 
 fn main() -> ExitCode {
     let task = std::env::args().nth(1);
     let done = match task.as_deref() {
         Some("test") => test(),
         Some("long") => long(),
+        Some("firmware") => firmware::task(std::env::args().skip(2)),
+        Some("flash") => firmware::flash(),
         Some("help" | "--help" | "-h") | None => {
             println!("{HELP}");
             Ok(())
@@ -52,6 +60,7 @@ fn test() -> Result<()> {
         &[],
     )?;
     step("the lobelia command", &["build", "--package", "lobelia", "--quiet"], &[])?;
+    firmware::for_tests()?;
     step("tests", &["test", "--workspace", "--quiet"], &[])?;
     let documentation = ["doc", "--workspace", "--no-deps", "--quiet"];
     step("documentation", &documentation, &[("RUSTDOCFLAGS", "-D warnings")])?;

@@ -1,0 +1,26 @@
+//! Counts instructions a step in QEMU, where with `-icount` each instruction takes the same time, and prints them.
+#![no_std]
+#![no_main]
+
+use cortex_m::peripheral::SYST;
+use lobelia_board_support::rates::{Counter, report};
+use lobelia_lm3s6965::{CLOCK_RELOAD, arm, now_us, rings, send_directly, set_up};
+
+#[cortex_m_rt::entry]
+fn main() -> ! {
+    let Some(peripherals) = set_up() else { panic!("set up twice") };
+    let beside = |next: u64| arm(next.saturating_sub(now_us()) as u32);
+    let counter = Counter::new(SYST::get_current, CLOCK_RELOAD);
+    report(peripherals, rings(), counter, spend, beside, send_directly);
+    loop {
+        cortex_m::asm::wfi();
+    }
+}
+
+/// Runs a number of instructions, rounded down to even, and a few more.
+fn spend(instructions: u32) {
+    // SAFETY: touches nothing but one register of its own and the flags; the count is above 0, so that the loop ends.
+    unsafe {
+        core::arch::asm!("2: subs {0}, #1", "bne 2b", inout(reg) (instructions / 2).max(1) => _, options(nomem, nostack));
+    }
+}

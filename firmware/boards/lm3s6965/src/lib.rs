@@ -1,0 +1,170 @@
+//! The controller's board on an LM3S6965 (Cortex-M3 at 50 MHz): registers, pins, interrupts.
+//!
+//! QEMU models this chip whole (`-M lm3s6965evb`), so it is the one that the tests run. Its feature `qemu` puts the modelled
+//! rig of `lobelia_board_support::model` in place of home switches and photodiode.
+#![no_std]
+
+mod interrupt;
+mod pins;
+mod register;
+
+use lobelia_board_support::link::{Received, RingLink, ToSend};
+#[cfg(feature = "qemu")]
+use lobelia_board_support::model;
+use lobelia_firmware::{AxisPins, Board, Peripherals};
+
+pub use interrupt::{CLOCK_RELOAD, arm, now_us, sleep_until};
+pub use pins::Pin;
+use pins::{LampLevel, map};
+use register::{system, timer, uart};
+
+/// The board's types.
+#[derive(Debug)]
+pub struct Lm3s6965;
+
+#[cfg(not(feature = "qemu"))]
+impl Board for Lm3s6965 {
+    type Output = Pin;
+    type Input = Pin;
+    type LampLevel = LampLevel;
+    type Photodiode = pins::Photodiode;
+    type Link = RingLink;
+}
+
+#[cfg(feature = "qemu")]
+impl Board for Lm3s6965 {
+    type Output = model::Output<Pin>;
+    type Input = model::Input<Pin>;
+    type LampLevel = model::Dimmer<LampLevel>;
+    type Photodiode = model::Photodiode;
+    type Link = RingLink;
+}
+
+/// The link's rings, for whoever takes the UART's place.
+pub fn rings() -> (&'static Received, &'static ToSend) {
+    (&interrupt::RECEIVED, &interrupt::TO_SEND)
+}
+
+/// Sends a byte without the interrupt, waiting for room.
+pub fn send_directly(byte: u8) {
+    while uart::FR.read() & uart::SEND_FULL != 0 {}
+    uart::DR.write(u32::from(byte));
+}
+
+/// Lets the link's and the timer's interrupts come.
+pub fn start_interrupts() {
+    interrupt::unmask();
+}
+
+/// Sets the whole board up; interrupts other than the clock's stay off. `None` at a second call.
+pub fn set_up() -> Option<Peripherals<Lm3s6965>> {
+    let mut core = cortex_m::Peripherals::take()?;
+    start_system_clock();
+    system::RCGC0.set_bits(1 << 16 | 1 << 20);
+    system::RCGC1.set_bits(1 << 0 | 1 << 16);
+    system::RCGC2.set_bits(0x3F);
+    // Three cycles until a unit whose clock was just started may be touched.
+    cortex_m::asm::delay(8);
+    pins::set_up();
+    set_up_uart();
+    set_up_timer();
+    interrupt::start_clock(&mut core.SYST);
+    Some(peripherals())
+}
+
+/// 50 MHz from the 8 MHz crystal through the PLL.
+fn start_system_clock() {
+    const BYPASS: u32 = 1 << 11;
+    let source = system::RCC.read() | BYPASS;
+    // Not yet from the PLL and undivided.
+    system::RCC.write(source & !(1 << 22));
+    // Crystal 8 MHz, main oscillator on and chosen, PLL powered; system clock 200 MHz / 4.
+    let source = source & !(0xF << 6 | 0b11 << 4 | 1 << 13 | 1 << 0 | 0xF << 23);
+    let source = source | 0xE << 6 | 3 << 23 | 1 << 22;
+    system::RCC.write(source);
+    // The PLL locks within 0.5 ms; a chip whose PLL doesn't runs on without it, too slowly to talk to.
+    for _ in 0..100_000 {
+        if system::RIS.read() & 1 << 6 != 0 {
+            break;
+        }
+    }
+    system::RCC.write(source & !BYPASS);
+}
+
+/// 115 200 baud, 8 bits, no parity, FIFOs.
+fn set_up_uart() {
+    uart::CTL.write(0);
+    // 50 MHz / (16 × 115 200) = 27 + 8/64.
+    uart::IBRD.write(27);
+    uart::FBRD.write(8);
+    uart::LCRH.write(0b11 << 5 | 1 << 4);
+    // Interrupts: received, received and then silence, room to send.
+    uart::IM.write(1 << 4 | 1 << 5 | 1 << 6);
+    uart::CTL.write(1 << 9 | 1 << 8 | 1);
+}
+
+/// One 32-bit one-shot timer.
+fn set_up_timer() {
+    timer::CTL.write(0);
+    timer::CFG.write(0);
+    timer::TAMR.write(1);
+    timer::IMR.write(1);
+}
+
+#[cfg(not(feature = "qemu"))]
+fn peripherals() -> Peripherals<Lm3s6965> {
+    let axes = [0, 1, 2, 3].map(|axis| AxisPins {
+        step: map::step(axis),
+        direction: map::direction(axis),
+        enable: map::enable(axis),
+        home: map::home(axis),
+    });
+    Peripherals {
+        axes,
+        shutter: map::SHUTTER,
+        lamp: map::LAMP,
+        lamp_level: LampLevel,
+        photodiode: pins::Photodiode::new(),
+        emergency_stop: map::EMERGENCY_STOP,
+        link: link(),
+    }
+}
+
+#[cfg(feature = "qemu")]
+fn peripherals() -> Peripherals<Lm3s6965> {
+    static AXES: [model::Axis; 4] = [const { model::Axis::new() }; 4];
+    static LIGHT: model::Light = model::Light::new();
+    let output = |pin, role| model::Output { pin, role };
+    let axes = [0, 1, 2, 3].map(|axis| {
+        let modelled = &AXES[usize::from(axis)];
+        AxisPins {
+            step: output(map::step(axis), model::Role::Step(modelled)),
+            direction: output(map::direction(axis), model::Role::Direction(modelled)),
+            enable: output(map::enable(axis), model::Role::None),
+            home: model::Input::Switch(modelled),
+        }
+    });
+    Peripherals {
+        axes,
+        shutter: output(map::SHUTTER, model::Role::None),
+        lamp: output(map::LAMP, model::Role::None),
+        lamp_level: model::Dimmer { dimmer: LampLevel, light: &LIGHT },
+        photodiode: model::Photodiode(&LIGHT),
+        emergency_stop: model::Input::Pin(map::EMERGENCY_STOP),
+        link: link(),
+    }
+}
+
+fn link() -> RingLink {
+    RingLink { received: &interrupt::RECEIVED, to_send: &interrupt::TO_SEND, wake: interrupt::wake_uart }
+}
+
+/// Everything off, for good: the host finds the controller silent and the operator switches it off and on.
+#[panic_handler]
+fn panic(_: &core::panic::PanicInfo<'_>) -> ! {
+    cortex_m::interrupt::disable();
+    pins::safe_state();
+    loop {
+        cortex_m::asm::wfi();
+    }
+}

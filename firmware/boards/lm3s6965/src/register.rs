@@ -1,0 +1,125 @@
+//! The chip's registers, by their addresses in the LM3S6965 data sheet. All access to memory by address is here.
+
+/// A 32-bit register.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Register(usize);
+
+impl Register {
+    pub(crate) fn read(self) -> u32 {
+        // SAFETY: `Register`s are made only in this module, of addresses of device registers; none has memory behind it.
+        unsafe { core::ptr::with_exposed_provenance::<u32>(self.0).read_volatile() }
+    }
+
+    pub(crate) fn write(self, value: u32) {
+        // SAFETY: as in `read`; no register here makes the chip touch memory on its own.
+        unsafe { core::ptr::with_exposed_provenance_mut::<u32>(self.0).write_volatile(value) }
+    }
+
+    pub(crate) fn set_bits(self, bits: u32) {
+        self.write(self.read() | bits);
+    }
+}
+
+/// System control: clocks.
+pub(crate) mod system {
+    use super::Register;
+
+    /// Raw interrupt status; bit 6: PLL locked.
+    pub(crate) const RIS: Register = Register(0x400F_E050);
+    /// Run-mode clock configuration.
+    pub(crate) const RCC: Register = Register(0x400F_E060);
+    /// Clock gates: ADC, PWM.
+    pub(crate) const RCGC0: Register = Register(0x400F_E100);
+    /// Clock gates: UART, timers.
+    pub(crate) const RCGC1: Register = Register(0x400F_E104);
+    /// Clock gates: GPIO ports.
+    pub(crate) const RCGC2: Register = Register(0x400F_E108);
+}
+
+/// UART 0.
+pub(crate) mod uart {
+    use super::Register;
+
+    pub(crate) const DR: Register = Register(0x4000_C000);
+    pub(crate) const FR: Register = Register(0x4000_C018);
+    pub(crate) const IBRD: Register = Register(0x4000_C024);
+    pub(crate) const FBRD: Register = Register(0x4000_C028);
+    pub(crate) const LCRH: Register = Register(0x4000_C02C);
+    pub(crate) const CTL: Register = Register(0x4000_C030);
+    pub(crate) const IM: Register = Register(0x4000_C038);
+    pub(crate) const ICR: Register = Register(0x4000_C044);
+
+    /// In `FR`: nothing received.
+    pub(crate) const RECEIVE_EMPTY: u32 = 1 << 4;
+    /// In `FR`: no room to send.
+    pub(crate) const SEND_FULL: u32 = 1 << 5;
+}
+
+/// Timer 0.
+pub(crate) mod timer {
+    use super::Register;
+
+    pub(crate) const CFG: Register = Register(0x4003_0000);
+    pub(crate) const TAMR: Register = Register(0x4003_0004);
+    pub(crate) const CTL: Register = Register(0x4003_000C);
+    pub(crate) const IMR: Register = Register(0x4003_0018);
+    pub(crate) const ICR: Register = Register(0x4003_0024);
+    pub(crate) const TAILR: Register = Register(0x4003_0028);
+}
+
+/// The converter; sequencer 3 makes one sample.
+#[cfg(not(feature = "qemu"))]
+pub(crate) mod adc {
+    use super::Register;
+
+    pub(crate) const ACTSS: Register = Register(0x4003_8000);
+    pub(crate) const RIS: Register = Register(0x4003_8004);
+    pub(crate) const ISC: Register = Register(0x4003_800C);
+    pub(crate) const PSSI: Register = Register(0x4003_8028);
+    pub(crate) const SSMUX3: Register = Register(0x4003_80A0);
+    pub(crate) const SSCTL3: Register = Register(0x4003_80A4);
+    pub(crate) const SSFIFO3: Register = Register(0x4003_80A8);
+}
+
+/// The pulse-width modulator's generator 0.
+pub(crate) mod pwm {
+    use super::Register;
+
+    pub(crate) const ENABLE: Register = Register(0x4002_8008);
+    pub(crate) const CTL: Register = Register(0x4002_8040);
+    pub(crate) const LOAD: Register = Register(0x4002_8050);
+    pub(crate) const CMPA: Register = Register(0x4002_8058);
+    pub(crate) const GENA: Register = Register(0x4002_8060);
+}
+
+/// A GPIO port.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Port(usize);
+
+pub(crate) const PORT_A: Port = Port(0x4000_4000);
+pub(crate) const PORT_B: Port = Port(0x4000_5000);
+pub(crate) const PORT_D: Port = Port(0x4000_7000);
+pub(crate) const PORT_E: Port = Port(0x4002_4000);
+pub(crate) const PORT_F: Port = Port(0x4002_5000);
+
+impl Port {
+    /// The data register seen through a mask: only the pins in it are read or written.
+    pub(crate) const fn data(self, pins: u8) -> Register {
+        Register(self.0 + ((pins as usize) << 2))
+    }
+
+    /// Which pins are outputs.
+    pub(crate) const fn direction(self) -> Register {
+        Register(self.0 + 0x400)
+    }
+
+    /// Which pins belong to another unit.
+    pub(crate) const fn alternate(self) -> Register {
+        Register(self.0 + 0x420)
+    }
+
+    /// Which pins are digital.
+    pub(crate) const fn digital(self) -> Register {
+        Register(self.0 + 0x51C)
+    }
+}

@@ -1,0 +1,112 @@
+//! The interrupts: USART 2 carries bytes between its registers and the link's rings, SysTick counts milliseconds.
+
+use core::cell::RefCell;
+
+use cortex_m::peripheral::syst::SystClkSource;
+use cortex_m::peripheral::{NVIC, SCB, SYST};
+use critical_section::Mutex;
+use lobelia_board_support::clock::Clock;
+use lobelia_board_support::link::{Received, ToSend};
+use stm32f4xx_hal::pac::{self, Interrupt, interrupt};
+use stm32f4xx_hal::prelude::*;
+use stm32f4xx_hal::serial::{Rx, RxListen, Tx, TxListen};
+
+/// System clock, counts a µs. QEMU's SysTick counts at this rate whatever the clocks are set to.
+const TICKS_PER_US: u32 = 168;
+/// The clock's interrupt comes this often, in µs, and ends the main loop's sleep.
+const PERIOD_US: u32 = 1000;
+/// The clock's counter starts from this value.
+pub const CLOCK_RELOAD: u32 = Clock::<TICKS_PER_US, PERIOD_US>::RELOAD;
+
+static CLOCK: Clock<TICKS_PER_US, PERIOD_US> = Clock::new();
+/// Bytes received.
+pub(crate) static RECEIVED: Received = Received::new();
+/// Bytes to send.
+pub(crate) static TO_SEND: ToSend = ToSend::new();
+static PORT: Mutex<RefCell<Option<Halves>>> = Mutex::new(RefCell::new(None));
+
+type Halves = (Tx<pac::USART2>, Rx<pac::USART2>);
+
+/// A millisecond's end.
+#[cortex_m_rt::exception]
+fn SysTick() {
+    CLOCK.period_over();
+}
+
+#[interrupt]
+fn USART2() {
+    critical_section::with(|section| {
+        if let Some(port) = PORT.borrow_ref_mut(section).as_mut() {
+            carry(port);
+        }
+    });
+}
+
+/// Receives a byte if there is one and sends one if there is room. A byte for which the ring has no room is lost, and the
+/// frame with it: the host repeats it.
+fn carry((tx, rx): &mut Halves) {
+    // An error, as an overrun, clears with the reading.
+    if rx.is_rx_not_empty()
+        && let Ok(byte) = rx.read()
+    {
+        let _ = RECEIVED.push(byte);
+    }
+    if tx.is_tx_empty() {
+        match TO_SEND.pop() {
+            Some(byte) => {
+                let _ = tx.write(byte);
+                tx.listen();
+            }
+            None => tx.unlisten(),
+        }
+    }
+}
+
+/// Makes the USART's interrupt run soon.
+pub(crate) fn wake_usart() {
+    NVIC::pend(Interrupt::USART2);
+}
+
+/// Hands the port to the interrupt.
+pub(crate) fn give_port(tx: Tx<pac::USART2>, mut rx: Rx<pac::USART2>) {
+    rx.listen();
+    critical_section::with(|section| PORT.borrow_ref_mut(section).replace((tx, rx)));
+}
+
+/// Lets the USART interrupt.
+pub fn start_interrupts() {
+    // SAFETY: called once at the start; the port is behind a mutex, and no critical section relies on the mask.
+    unsafe { NVIC::unmask(Interrupt::USART2) };
+}
+
+/// Sends a byte without the interrupt, waiting for room.
+pub fn send_directly(byte: u8) {
+    critical_section::with(|section| {
+        if let Some((tx, _)) = PORT.borrow_ref_mut(section).as_mut() {
+            while !tx.is_tx_empty() {}
+            let _ = tx.write(byte);
+        }
+    });
+}
+
+/// The time in µs since the start.
+pub fn now_us() -> u64 {
+    CLOCK.now_us(|| (SYST::get_current(), SCB::is_pendst_pending()))
+}
+
+/// Starts the clock.
+pub(crate) fn start_clock(systick: &mut SYST) {
+    systick.set_clock_source(SystClkSource::Core);
+    systick.set_reload(CLOCK_RELOAD);
+    systick.clear_current();
+    systick.enable_counter();
+    systick.enable_interrupt();
+}
+
+/// Sleeps until the next interrupt, a millisecond at most, unless `time_us` or a received byte comes before: a wait shorter
+/// than that is spent awake, so that no step waits for an interrupt's entry.
+pub fn rest_until(time_us: u64) {
+    if time_us > now_us() + u64::from(PERIOD_US) && RECEIVED.is_empty() {
+        cortex_m::asm::wfi();
+    }
+}

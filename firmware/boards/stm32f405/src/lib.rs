@@ -1,0 +1,236 @@
+//! The controller's board on an STM32F405 (Cortex-M4 at 168 MHz from an 8 MHz crystal). Pins and wiring are in the README.
+//!
+//! With the feature `qemu` the binary runs on QEMU's `olimex-stm32-h405`: on the internal oscillator, and with the modelled rig of
+//! `lobelia_board_support::model` in place of home switches, lamp level and photodiode.
+#![no_std]
+
+mod interrupt;
+mod pins;
+
+use lobelia_board_support::link::{Received, RingLink, ToSend};
+#[cfg(feature = "qemu")]
+use lobelia_board_support::model;
+use lobelia_firmware::{AxisPins, Board, Peripherals};
+use stm32f4xx_hal::gpio::{AnyPin, Input, Output, Pin, PushPull};
+use stm32f4xx_hal::prelude::*;
+use stm32f4xx_hal::{pac, rcc, serial};
+
+pub use interrupt::{CLOCK_RELOAD, now_us, rest_until, send_directly, start_interrupts};
+pub use pins::{InputLine, OutputLine};
+
+/// The board's types.
+#[derive(Debug)]
+pub struct Stm32f405;
+
+#[cfg(not(feature = "qemu"))]
+pub mod parts {
+    //! The real lamp level and photodiode.
+
+    use stm32f4xx_hal::adc::Adc;
+    use stm32f4xx_hal::adc::config::SampleTime;
+    use stm32f4xx_hal::gpio::{Analog, PA0};
+    use stm32f4xx_hal::pac;
+    use stm32f4xx_hal::timer::PwmChannel;
+
+    /// TIM3's channel 1.
+    pub type LampLevel = PwmChannel<pac::TIM3, 0>;
+
+    /// The photodiode's amplifier on ADC1's input 0.
+    pub struct Photodiode {
+        pub(crate) adc: Adc<pac::ADC1>,
+        pub(crate) pin: PA0<Analog>,
+    }
+
+    impl lobelia_firmware::AnalogInput for Photodiode {
+        fn read(&mut self) -> Option<u16> {
+            // 28 + 12 cycles at 21 MHz: 2 µs.
+            Some(self.adc.convert(&self.pin, SampleTime::Cycles_28))
+        }
+    }
+}
+
+#[cfg(not(feature = "qemu"))]
+impl Board for Stm32f405 {
+    type Output = OutputLine;
+    type Input = InputLine;
+    type LampLevel = parts::LampLevel;
+    type Photodiode = parts::Photodiode;
+    type Link = RingLink;
+}
+
+#[cfg(feature = "qemu")]
+pub mod parts {
+    //! A lamp level that drives nothing: QEMU's timers can't be set up as the HAL does it.
+
+    use core::convert::Infallible;
+
+    use embedded_hal::pwm::{ErrorType, SetDutyCycle};
+
+    /// No dimmer.
+    #[derive(Debug)]
+    pub struct NoDimmer;
+
+    impl ErrorType for NoDimmer {
+        type Error = Infallible;
+    }
+
+    impl SetDutyCycle for NoDimmer {
+        fn max_duty_cycle(&self) -> u16 {
+            u16::MAX
+        }
+
+        fn set_duty_cycle(&mut self, _: u16) -> Result<(), Infallible> {
+            Ok(())
+        }
+    }
+}
+
+#[cfg(feature = "qemu")]
+impl Board for Stm32f405 {
+    type Output = model::Output<OutputLine>;
+    type Input = model::Input<InputLine>;
+    type LampLevel = model::Dimmer<parts::NoDimmer>;
+    type Photodiode = model::Photodiode;
+    type Link = RingLink;
+}
+
+/// The link's rings, for whoever takes the port's place.
+pub fn rings() -> (&'static Received, &'static ToSend) {
+    (&interrupt::RECEIVED, &interrupt::TO_SEND)
+}
+
+fn clocks() -> rcc::Config {
+    if cfg!(feature = "qemu") {
+        rcc::Config::hsi()
+    } else {
+        rcc::Config::hse(8.MHz()).sysclk(168.MHz()).hclk(168.MHz()).pclk1(42.MHz()).pclk2(84.MHz())
+    }
+}
+
+/// Sets the whole board up; the link's interrupt stays off. `None` at a second call.
+pub fn set_up() -> Option<Peripherals<Stm32f405>> {
+    let device = pac::Peripherals::take()?;
+    let mut core = cortex_m::Peripherals::take()?;
+    let mut rcc = device.RCC.freeze(clocks());
+    interrupt::start_clock(&mut core.SYST);
+    let a = device.GPIOA.split(&mut rcc);
+    let b = device.GPIOB.split(&mut rcc);
+    let c = device.GPIOC.split(&mut rcc);
+
+    let config = serial::Config::default().baudrate(115_200.bps()).wordlength_8();
+    let port: serial::Serial<pac::USART2> = device.USART2.serial((a.pa2, a.pa3), config, &mut rcc).ok()?;
+    let (tx, rx) = port.split();
+    interrupt::give_port(tx, rx);
+
+    let steps = [output(c.pc0), output(c.pc1), output(c.pc2), output(c.pc3)];
+    let directions = [output(c.pc4), output(c.pc5), output(c.pc6), output(c.pc7)];
+    let enables = [disabled(b.pb12), disabled(b.pb13), disabled(b.pb14), disabled(b.pb15)];
+    let homes = [input(b.pb5), input(b.pb6), input(b.pb7), input(b.pb8)];
+    let lines = Lines {
+        steps,
+        directions,
+        enables,
+        homes,
+        shutter: output(a.pa4),
+        lamp: output(a.pa5),
+        stop: input(b.pb9),
+    };
+
+    #[cfg(not(feature = "qemu"))]
+    {
+        use stm32f4xx_hal::adc::{Adc, config::AdcConfig};
+        let (_, (level, ..)) = device.TIM3.pwm_hz(20.kHz(), &mut rcc);
+        let mut level = level.with(a.pa6);
+        level.set_duty(0);
+        level.enable();
+        let adc = Adc::new(device.ADC1, true, AdcConfig::default(), &mut rcc);
+        Some(lines.real(level, parts::Photodiode { adc, pin: a.pa0.into_analog() }))
+    }
+    #[cfg(feature = "qemu")]
+    Some(lines.modelled())
+}
+
+/// All lines, in the order of the axes.
+struct Lines {
+    steps: [OutputLine; 4],
+    directions: [OutputLine; 4],
+    enables: [OutputLine; 4],
+    homes: [InputLine; 4],
+    shutter: OutputLine,
+    lamp: OutputLine,
+    stop: InputLine,
+}
+
+impl Lines {
+    #[cfg(not(feature = "qemu"))]
+    fn real(self, lamp_level: parts::LampLevel, photodiode: parts::Photodiode) -> Peripherals<Stm32f405> {
+        let ([s0, s1, s2, s3], [d0, d1, d2, d3]) = (self.steps, self.directions);
+        let ([e0, e1, e2, e3], [h0, h1, h2, h3]) = (self.enables, self.homes);
+        let axis = |step, direction, enable, home| AxisPins { step, direction, enable, home };
+        Peripherals {
+            axes: [axis(s0, d0, e0, h0), axis(s1, d1, e1, h1), axis(s2, d2, e2, h2), axis(s3, d3, e3, h3)],
+            shutter: self.shutter,
+            lamp: self.lamp,
+            lamp_level,
+            photodiode,
+            emergency_stop: self.stop,
+            link: link(),
+        }
+    }
+
+    #[cfg(feature = "qemu")]
+    fn modelled(self) -> Peripherals<Stm32f405> {
+        use model::{Output as Line, Role};
+        static AXES: [model::Axis; 4] = [const { model::Axis::new() }; 4];
+        static LIGHT: model::Light = model::Light::new();
+        let ([s0, s1, s2, s3], [d0, d1, d2, d3]) = (self.steps, self.directions);
+        let [e0, e1, e2, e3] = self.enables;
+        // QEMU has no level on the switches' pins.
+        let _ = self.homes;
+        let plain = |pin| Line { pin, role: Role::None };
+        let axis = |index: usize, step, direction, enable| AxisPins {
+            step: Line { pin: step, role: Role::Step(&AXES[index]) },
+            direction: Line { pin: direction, role: Role::Direction(&AXES[index]) },
+            enable: plain(enable),
+            home: model::Input::Switch(&AXES[index]),
+        };
+        Peripherals {
+            axes: [axis(0, s0, d0, e0), axis(1, s1, d1, e1), axis(2, s2, d2, e2), axis(3, s3, d3, e3)],
+            shutter: plain(self.shutter),
+            lamp: plain(self.lamp),
+            lamp_level: model::Dimmer { dimmer: parts::NoDimmer, light: &LIGHT },
+            photodiode: model::Photodiode(&LIGHT),
+            emergency_stop: model::Input::Pin(self.stop),
+            link: link(),
+        }
+    }
+}
+
+fn output<const P: char, const N: u8>(pin: Pin<P, N>) -> OutputLine {
+    let pin: AnyPin<Output<PushPull>> = pin.into_push_pull_output().erase();
+    OutputLine::new(pin)
+}
+
+/// A driver's inverted enable input, off.
+fn disabled<const P: char, const N: u8>(pin: Pin<P, N>) -> OutputLine {
+    OutputLine::inverted(pin.into_push_pull_output_in_state(true.into()).erase())
+}
+
+fn input<const P: char, const N: u8>(pin: Pin<P, N>) -> InputLine {
+    let pin: AnyPin<Input> = pin.into_pull_up_input().erase();
+    InputLine(pin)
+}
+
+fn link() -> RingLink {
+    RingLink { received: &interrupt::RECEIVED, to_send: &interrupt::TO_SEND, wake: interrupt::wake_usart }
+}
+
+/// Everything off, for good: the host finds the controller silent and the operator switches it off and on.
+#[panic_handler]
+fn panic(_: &core::panic::PanicInfo<'_>) -> ! {
+    cortex_m::interrupt::disable();
+    pins::safe_state();
+    loop {
+        cortex_m::asm::wfi();
+    }
+}

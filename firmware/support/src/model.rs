@@ -1,0 +1,233 @@
+//! A rig for boards under emulation, where nothing turns: home switches that follow the steps made, and a photodiode that
+//! follows the lamp.
+//!
+//! An axis starts [`START`] steps above its lower switch, which is closed at position 0 and below; an upper switch is
+//! closed from [`UPPER`] on. Both are on the one input, as two switches wired to one pin.
+
+use core::sync::atomic::{AtomicBool, AtomicI32, AtomicU32, Ordering::Relaxed};
+
+use embedded_hal::digital::{ErrorType, InputPin, OutputPin};
+use embedded_hal::pwm::{self, SetDutyCycle};
+use lobelia_firmware::AnalogInput;
+
+/// Where an axis is at power-up, in steps above its lower switch.
+pub const START: i32 = 300;
+/// Where the upper switch closes.
+pub const UPPER: i32 = 1_000_000;
+/// The photodiode's reading at the lamp's full level.
+pub const FULL_READING: u32 = 3000;
+
+/// One axis of the modelled rig.
+#[derive(Debug)]
+pub struct Axis {
+    position: AtomicI32,
+    up: AtomicBool,
+    step_level: AtomicBool,
+}
+
+impl Axis {
+    /// An axis just switched on.
+    pub const fn new() -> Self {
+        Self {
+            position: AtomicI32::new(START),
+            up: AtomicBool::new(false),
+            step_level: AtomicBool::new(false),
+        }
+    }
+
+    fn step(&self, high: bool) {
+        if high && !self.step_level.load(Relaxed) {
+            let by = if self.up.load(Relaxed) { 1 } else { -1 };
+            self.position.store(self.position.load(Relaxed) + by, Relaxed);
+        }
+        self.step_level.store(high, Relaxed);
+    }
+
+    fn at_switch(&self) -> bool {
+        !(1..UPPER).contains(&self.position.load(Relaxed))
+    }
+}
+
+impl Default for Axis {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+/// What an output does in the modelled rig, beside driving its pin.
+#[derive(Debug, Clone, Copy)]
+pub enum Role {
+    /// Nothing.
+    None,
+    /// Steps an axis.
+    Step(&'static Axis),
+    /// Turns an axis.
+    Direction(&'static Axis),
+}
+
+/// A real output that the modelled rig listens to.
+#[derive(Debug)]
+pub struct Output<P> {
+    /// The real pin.
+    pub pin: P,
+    /// What it does in the model.
+    pub role: Role,
+}
+
+impl<P> Output<P> {
+    fn tell(&self, high: bool) {
+        match self.role {
+            Role::None => {}
+            Role::Step(axis) => axis.step(high),
+            Role::Direction(axis) => axis.up.store(high, Relaxed),
+        }
+    }
+}
+
+impl<P: ErrorType> ErrorType for Output<P> {
+    type Error = P::Error;
+}
+
+impl<P: OutputPin> OutputPin for Output<P> {
+    fn set_low(&mut self) -> Result<(), P::Error> {
+        self.tell(false);
+        self.pin.set_low()
+    }
+
+    fn set_high(&mut self) -> Result<(), P::Error> {
+        self.tell(true);
+        self.pin.set_high()
+    }
+}
+
+/// An input: a real pin, or the switch of a modelled axis.
+#[derive(Debug)]
+pub enum Input<P> {
+    /// A real pin.
+    Pin(P),
+    /// The home switch of a modelled axis.
+    Switch(&'static Axis),
+}
+
+impl<P: ErrorType> ErrorType for Input<P> {
+    type Error = P::Error;
+}
+
+impl<P: InputPin> InputPin for Input<P> {
+    fn is_high(&mut self) -> Result<bool, P::Error> {
+        match self {
+            Self::Pin(pin) => pin.is_high(),
+            Self::Switch(axis) => Ok(axis.at_switch()),
+        }
+    }
+
+    fn is_low(&mut self) -> Result<bool, P::Error> {
+        self.is_high().map(|high| !high)
+    }
+}
+
+/// The lamp's level as the modelled photodiode sees it: a share of the greatest duty in 1/65536.
+#[derive(Debug, Default)]
+pub struct Light(AtomicU32);
+
+impl Light {
+    /// Dark.
+    pub const fn new() -> Self {
+        Self(AtomicU32::new(0))
+    }
+}
+
+/// A real dimmer that the modelled photodiode looks at.
+#[derive(Debug)]
+pub struct Dimmer<D> {
+    /// The real dimmer.
+    pub dimmer: D,
+    /// What it lights.
+    pub light: &'static Light,
+}
+
+impl<D: pwm::ErrorType> pwm::ErrorType for Dimmer<D> {
+    type Error = D::Error;
+}
+
+impl<D: SetDutyCycle> SetDutyCycle for Dimmer<D> {
+    fn max_duty_cycle(&self) -> u16 {
+        self.dimmer.max_duty_cycle()
+    }
+
+    fn set_duty_cycle(&mut self, duty: u16) -> Result<(), D::Error> {
+        let full = u32::from(self.max_duty_cycle()).max(1);
+        self.light.0.store((u32::from(duty) << 16) / full, Relaxed);
+        self.dimmer.set_duty_cycle(duty)
+    }
+}
+
+/// The modelled photodiode.
+#[derive(Debug)]
+pub struct Photodiode(pub &'static Light);
+
+impl AnalogInput for Photodiode {
+    fn read(&mut self) -> Option<u16> {
+        Some(((self.0.0.load(Relaxed) * FULL_READING) >> 16) as u16)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use core::convert::Infallible;
+
+    use super::*;
+
+    struct Pin(bool);
+
+    impl ErrorType for Pin {
+        type Error = Infallible;
+    }
+
+    impl OutputPin for Pin {
+        fn set_low(&mut self) -> Result<(), Infallible> {
+            self.0 = false;
+            Ok(())
+        }
+
+        fn set_high(&mut self) -> Result<(), Infallible> {
+            self.0 = true;
+            Ok(())
+        }
+    }
+
+    #[test]
+    fn switch_closes_after_as_many_steps_down_as_the_start_is_above_it() {
+        static AXIS: Axis = Axis::new();
+        let mut step = Output { pin: Pin(false), role: Role::Step(&AXIS) };
+        for made in 0..START {
+            assert!(!AXIS.at_switch(), "after {made}");
+            step.set_high().unwrap();
+            step.set_high().unwrap();
+            assert!(step.pin.0);
+            step.set_low().unwrap();
+        }
+        assert!(AXIS.at_switch());
+    }
+
+    #[test]
+    fn photodiode_follows_the_dimmer() {
+        struct Half(u16);
+        impl pwm::ErrorType for Half {
+            type Error = Infallible;
+        }
+        impl SetDutyCycle for Half {
+            fn max_duty_cycle(&self) -> u16 {
+                1000
+            }
+            fn set_duty_cycle(&mut self, duty: u16) -> Result<(), Infallible> {
+                self.0 = duty;
+                Ok(())
+            }
+        }
+        static LIGHT: Light = Light::new();
+        let mut dimmer = Dimmer { dimmer: Half(0), light: &LIGHT };
+        dimmer.set_duty_cycle(500).unwrap();
+        assert_eq!((dimmer.dimmer.0, Photodiode(&LIGHT).read()), (500, Some(1500)));
+    }
+}
