@@ -20,6 +20,8 @@ fn configuration() -> Configuration {
         max_steps: 800,
         max_speed,
         acceleration: 40_000,
+        jerk: 1_000_000,
+        full_turn_steps: 0,
         take_up_steps: TAKE_UP as u32,
         settle_ms: 2,
         home_direction: HomeDirection::Negative,
@@ -28,8 +30,20 @@ fn configuration() -> Configuration {
         home_slow_speed: 500,
         home_back_off: 30,
         home_travel: 2000,
+        home_debounce_us: 1000,
+        index_tolerance: 4,
     });
-    Configuration { axes, lamp_warm_up_s: 1 }
+    // Without leases: emulated time runs as fast as it can, whatever the host does meanwhile.
+    Configuration {
+        axes,
+        lamp_warm_up_s: 1,
+        lamp_least_reading: 0,
+        lease_ms: 0,
+        lamp_lease_ms: 0,
+        lamp_safe_level: 0,
+        camera_wait_ms: 0,
+        coordinated: true,
+    }
 }
 
 /// Poses that go up, down, far, near and nowhere.

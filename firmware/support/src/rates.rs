@@ -99,6 +99,9 @@ impl<B: Board> Session<B> {
     }
 }
 
+/// Acceleration in steps/s²: the ramp is a tenth of the move.
+const ACCELERATION: u32 = SPEED * SPEED / STEPS * 10;
+
 /// Speed of an axis in steps/s.
 fn speed(axis: usize) -> u32 {
     SPEED - SPEED / 9 * axis as u32
@@ -109,8 +112,10 @@ fn configuration() -> Configuration {
         min_steps: 0,
         max_steps: 500_000,
         max_speed: speed(axis),
-        // The ramp is a tenth of the move.
-        acceleration: SPEED * SPEED / STEPS * 10,
+        acceleration: ACCELERATION,
+        // A tenth of the time of a ramp to build the acceleration up.
+        jerk: (10 * (ACCELERATION as u64) * (ACCELERATION as u64) / (SPEED as u64)) as u32,
+        full_turn_steps: 0,
         take_up_steps: 20,
         settle_ms: 0,
         home_direction: HomeDirection::Negative,
@@ -119,8 +124,19 @@ fn configuration() -> Configuration {
         home_slow_speed: 500,
         home_back_off: 20,
         home_travel: 5000,
+        home_debounce_us: 0,
+        index_tolerance: 4,
     });
-    Configuration { axes, lamp_warm_up_s: 0 }
+    Configuration {
+        axes,
+        lamp_warm_up_s: 0,
+        lamp_least_reading: 0,
+        lease_ms: 0,
+        lamp_lease_ms: 0,
+        lamp_safe_level: 0,
+        camera_wait_ms: 0,
+        coordinated: false,
+    }
 }
 
 /// Moves one to four axes and tells `report` what each move cost. `counter` counts upward and wraps at 32 bits;

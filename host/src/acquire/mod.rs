@@ -92,7 +92,7 @@ impl RunFolder {
         };
         let (rig_path, plan_path) = (path.join("rig.toml"), path.join("plan.toml"));
         let rig: RigConfig = toml_file::read(&rig_path)?;
-        rig.validate()?;
+        rig.validate().map_err(|error| error.at(rig_path.display()))?;
         let plan = Plan::read(&plan_path, &rig)?;
         for (file, recorded) in [(&rig_path, rig_sha256), (&plan_path, plan_sha256)] {
             if sha256(files::read_text(file)?.as_bytes()) != *recorded {

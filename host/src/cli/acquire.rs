@@ -82,11 +82,15 @@ fn read_inputs(args: &AcquireArgs, context: &mut Context) -> Result<(Plan, RigCo
     let missing = || Error::input("a plan and --rig are needed for a new run");
     let rig_path = args.rig.as_ref().ok_or_else(missing)?;
     let plan_path = args.plan.as_ref().ok_or_else(missing)?;
-    let rig: RigConfig = toml_file::read(rig_path)?;
-    rig.validate()?;
+    let mut rig: RigConfig = toml_file::read(rig_path)?;
+    rig.validate().map_err(|error| error.at(rig_path.display()))?;
+    if let Some(seed) = context.given_seed {
+        rig.simulator.seed = seed;
+    }
     let plan = Plan::read(plan_path, &rig)?;
     context.report.input(rig_path);
     context.report.input(plan_path);
+    args.material.iter().for_each(|path| context.report.input(path));
     Ok((plan, rig))
 }
 

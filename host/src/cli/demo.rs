@@ -37,7 +37,6 @@ pub(super) struct DemoArgs {
 
 /// Runs `lobelia demo`.
 pub(super) fn run(args: &DemoArgs, context: &mut Context) -> Result<()> {
-    clear(&args.out)?;
     let seed = context.seed;
     let settings = Settings {
         poses: args.poses.map(|poses| poses as usize),
@@ -47,6 +46,10 @@ pub(super) fn run(args: &DemoArgs, context: &mut Context) -> Result<()> {
         anisotropic: args.anisotropic,
         ..Settings::new(args.size, seed)
     };
+    // Before an earlier demo is removed.
+    settings.check()?;
+    args.material.iter().for_each(|path| context.report.input(path));
+    clear(&args.out)?;
     let outcome = demo::run(&args.out, &settings, &mut context.report)?;
     let result = outcome.fits.last().ok_or_else(|| Error::failure("the demo made no fit"))?;
     let (pictures, no_gpu) =

@@ -5,9 +5,11 @@ use std::path::PathBuf;
 use clap::Args;
 
 use super::Context;
+use crate::acquire::journal;
 use crate::develop;
 use crate::error::Result;
 use crate::fit::figures::ErrorFigure;
+use crate::sampled::SampledSbrdf;
 
 /// Arguments of `lobelia develop`.
 #[derive(Debug, Args)]
@@ -21,6 +23,8 @@ pub(super) struct DevelopArgs {
 
 /// Runs `lobelia develop`.
 pub(super) fn run(args: &DevelopArgs, context: &mut Context) -> Result<()> {
+    SampledSbrdf::may_write_zarr(&args.output)?;
+    context.report.input(&args.run.join(journal::FILE_NAME));
     let developed = context.report.stage("develop", || develop::run(&args.run))?;
     for (index, registration) in developed.registrations.iter().enumerate() {
         match registration {

@@ -159,6 +159,11 @@ pub(super) fn run(args: &FitArgs, context: &mut super::Context) -> Result<()> {
 /// # Errors
 /// Input errors for files and options that make no sense; failures of the disk.
 fn fit_input(args: &FitArgs, seed: u64) -> Result<FitOutcome> {
+    if let Some(output) = &args.output
+        && output.extension().is_none_or(|extension| extension != "exr")
+    {
+        return Err(Error::input(format!("{}: an SBRDF map's name ends in .exr", output.display())));
+    }
     match args.input.extension().and_then(|extension| extension.to_str()) {
         Some("zarr") => fit_sampled(args),
         Some("brdf") => fit_table(args, seed),
@@ -231,8 +236,10 @@ pub(super) fn sampled_outcome(map: &SbrdfMap, options: &FitOptions, seconds: f64
 }
 
 fn fit_table(args: &FitArgs, seed: u64) -> Result<FitOutcome> {
-    if args.diffuse_percentile.is_some() {
-        return Err(Error::input("--diffuse-percentile is for sampled SBRDFs (.zarr)"));
+    if args.diffuse_percentile.is_some() || args.separate_channels {
+        return Err(Error::input(
+            "--diffuse-percentile and --separate-channels are for sampled SBRDFs (.zarr)",
+        ));
     }
     let options = TableOptions {
         method: args.method(),
@@ -352,7 +359,11 @@ fn write_map(map: &SbrdfMap, path: &Path) -> Result<()> {
 
 fn print(text: &str) -> Result<()> {
     use std::io::Write as _;
-    std::io::stdout().write_all(text.as_bytes()).map_err(|error| Error::failure(format!("stdout: {error}")))
+    match std::io::stdout().write_all(text.as_bytes()) {
+        // Whoever read the output has seen enough.
+        Err(error) if error.kind() == std::io::ErrorKind::BrokenPipe => Ok(()),
+        written => written.map_err(|error| Error::failure(format!("stdout: {error}"))),
+    }
 }
 
 #[cfg(test)]

@@ -32,9 +32,9 @@ struct Cli {
 #[derive(Debug, Clone, Args)]
 #[command(next_help_heading = "Everywhere")]
 struct Global {
-    /// Seed of every random choice
-    #[arg(long, global = true, default_value_t = 1)]
-    seed: u64,
+    /// Seed of every random choice [default: 1; for `acquire` that of rig.toml]
+    #[arg(long, global = true)]
+    seed: Option<u64>,
     /// Threads to use; all cores when not given
     #[arg(long, global = true, value_name = "N")]
     threads: Option<usize>,
@@ -73,9 +73,28 @@ enum Command {
     },
 }
 
+impl Command {
+    /// The subcommand's name, for the report.
+    fn name(&self) -> &'static str {
+        match self {
+            #[cfg(feature = "sim")]
+            Self::Demo(_) => "demo",
+            Self::Plan(_) => "plan",
+            Self::Acquire(_) => "acquire",
+            Self::Develop(_) => "develop",
+            Self::Fit(_) => "fit",
+            Self::Render(_) => "render",
+            Self::Template(_) => "template",
+            Self::Completions { .. } => "completions",
+        }
+    }
+}
+
 /// What a subcommand may use besides its own arguments.
 struct Context {
     seed: u64,
+    /// The seed, if one was given on the command line.
+    given_seed: Option<u64>,
     quiet: bool,
     verbose: bool,
     report: Report,
@@ -120,9 +139,10 @@ fn run(cli: Cli) -> Result<()> {
             .build_global()
             .map_err(|error| Error::failure(format!("{threads} threads cannot be started: {error}")))?;
     }
-    let name = std::env::args().nth(1).unwrap_or_default();
-    let Global { seed, quiet, verbose, report, .. } = cli.global;
-    let mut context = Context { seed, quiet, verbose, report: Report::new(&name, seed) };
+    let Global { seed: given_seed, quiet, verbose, report, .. } = cli.global;
+    let seed = given_seed.unwrap_or(1);
+    let report_of_run = Report::new(cli.command.name(), seed);
+    let mut context = Context { seed, given_seed, quiet, verbose, report: report_of_run };
     match cli.command {
         #[cfg(feature = "sim")]
         Command::Demo(args) => demo::run(&args, &mut context),

@@ -53,6 +53,7 @@ impl ExtentArgs {
 /// Runs `lobelia plan`.
 pub(super) fn run(args: &PlanArgs, context: &mut Context) -> Result<()> {
     let rig: RigConfig = toml_file::read(&args.rig)?;
+    rig.validate().map_err(|error| error.at(args.rig.display()))?;
     context.report.input(&args.rig);
     let seed = context.seed;
     let extent = args.extent.extent();
@@ -64,11 +65,16 @@ pub(super) fn run(args: &PlanArgs, context: &mut Context) -> Result<()> {
     context.report.figure("spacing_deg", plan.spacing_deg);
     context.report.figure("travel_s", travel_s);
     println!(
-        "{}: {} poses at least {:.1}° apart, {:.0} min of travel",
+        "{}: {} poses at least {:.1}° apart, {} of travel",
         args.output.display(),
         plan.poses.len(),
         plan.spacing_deg,
-        travel_s / 60.0
+        duration(travel_s)
     );
     Ok(())
+}
+
+/// A duration in the unit that suits it.
+fn duration(seconds: f64) -> String {
+    if seconds < 120.0 { format!("{seconds:.0} s") } else { format!("{:.0} min", seconds / 60.0) }
 }

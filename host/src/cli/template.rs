@@ -19,26 +19,106 @@ enum Kind {
     /// A material recipe for the simulator
     #[cfg(feature = "sim")]
     Material,
+    /// A scene to render
+    Scene,
 }
 
 /// Runs `lobelia template`.
 pub(super) fn run(args: &TemplateArgs) -> Result<()> {
-    let text = match args.kind {
-        Kind::Rig => toml::to_string(&RigConfig::default()),
-        #[cfg(feature = "sim")]
-        Kind::Material => toml::to_string(&crate::demo::sample::recipe()),
+    let written = |text: std::result::Result<String, toml::ser::Error>| {
+        text.map_err(|error| Error::failure(format!("the example cannot be written: {error}")))
     };
-    let text = text.map_err(|error| Error::failure(format!("the example cannot be written: {error}")))?;
-    let heading = match args.kind {
+    match args.kind {
         Kind::Rig => {
-            "# A rig. Lengths in mm, angles in degrees, times in s; keys left out keep the values shown here.\n"
+            print!("{RIG_HEADING}{}", with_comments(&written(toml::to_string(&RigConfig::default()))?));
         }
         #[cfg(feature = "sim")]
         Kind::Material => {
-            "# A sample for the simulator. A material is `published = NAME`, `table = FILE.brdf`, or rho_d and lobes.\n\
-             # Patterns: stripes (width_mm), checks (size_mm), weave (pitch_mm), image (path).\n"
+            print!("{MATERIAL_HEADING}{}", written(toml::to_string(&crate::demo::sample::recipe()))?);
         }
-    };
-    print!("{heading}{text}");
+        Kind::Scene => print!("{}", include_str!("../../../examples/scene.toml")),
+    }
     Ok(())
+}
+
+const RIG_HEADING: &str =
+    "# A rig. Lengths in mm, angles in degrees, times in s; keys left out keep the values shown here.\n";
+
+#[cfg(feature = "sim")]
+const MATERIAL_HEADING: &str = "\
+# A sample for the simulator. A material is `published = NAME`, `table = FILE.brdf`, or rho_d and lobes.
+# Patterns: stripes (width_mm), checks (size_mm), weave (pitch_mm), image (path).
+";
+
+/// What the keys of a rig mean that do not say so themselves.
+const COMMENTS: [(&str, &str); 28] = [
+    ("home_deg", "angle of the home switch's edge, below min_deg"),
+    ("take_up_deg", "overshoot that takes up the backlash: every position is approached from below"),
+    ("settle_s", "rest after a move before the rig counts as still"),
+    (
+        "repeatability_deg",
+        "largest error of a position: how far the motors are trusted against the fiducials",
+    ),
+    ("full_turn", "whether the axis may take the shorter way round"),
+    ("coordinated", "all axes arrive at once"),
+    ("camera_distance_mm", "from the crossing of pan and tilt to the lens"),
+    ("light_radius_mm", "of the light's arc about the same point"),
+    ("carrier_offset_mm", "of the sample's surface above the crossing of pan and tilt"),
+    ("carrier_slack_mm", "how far the carrier may lie from its place, one standard deviation"),
+    ("focal_px", "focal lengths in pixels"),
+    ("principal_px", "the centre of the first pixel is (0, 0)"),
+    ("distortion", "Brown-Conrady k1, k2, p1, p2, k3"),
+    ("black_level", "value of a pixel without light"),
+    ("white_level", "value at which it saturates"),
+    ("responsivity", "value above black a unit of radiance and second, for R, G, B"),
+    ("aperture_diameter_mm", "of the lamp's disc, which faces the crossing of pan and tilt"),
+    ("radiance", "of the warm lamp, for R, G, B"),
+    ("reference_reading", "of the photodiode at that radiance"),
+    ("warm_up_s", "before the lamp may be used"),
+    ("safe_level", "of the lamp, 0 to 1, when the controller no longer hears its host"),
+    ("texels_across", "the sample's width; rows follow from its height"),
+    ("tag_size_mm", "outer edge of a tag's black border (family 36h11)"),
+    ("count", "exposures a pose, 1 to 3"),
+    ("darkest_reflectance", "1/sr that the longest exposure should still resolve"),
+    ("brightest_reflectance", "1/sr that the shortest exposure must not clip"),
+    ("highlight_deg", "between half vector and normal, within which the highlight is expected"),
+    ("dark_frames", "averaged at the shortest and at the longest exposure each"),
+];
+
+/// The rig's file with a comment behind every key that needs one, the first time that it stands there.
+fn with_comments(file: &str) -> String {
+    let mut told = Vec::new();
+    let mut text = String::new();
+    for line in file.lines() {
+        let key = line.split(" = ").next().unwrap_or_default();
+        let comment = COMMENTS.iter().find(|(name, _)| *name == key && !told.contains(name));
+        text += line;
+        if let Some((name, comment)) = comment {
+            told.push(name);
+            text += &format!("  # {comment}");
+        }
+        text.push('\n');
+    }
+    text
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_commented_rig_is_the_default_one_and_every_comment_stands_at_a_key() {
+        let file = with_comments(&toml::to_string(&RigConfig::default()).unwrap());
+        let read: RigConfig = crate::toml_file::parse(&file, "rig.toml").unwrap();
+        assert_eq!(read, RigConfig::default());
+        assert_eq!(file.matches("  # ").count(), COMMENTS.len());
+    }
+
+    #[test]
+    fn the_example_scene_can_be_read() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("scene.toml");
+        std::fs::write(&path, include_str!("../../../examples/scene.toml")).unwrap();
+        assert_eq!(crate::scene::Scene::read(&path).unwrap().objects.len(), 2);
+    }
 }

@@ -92,7 +92,7 @@ impl Settings {
     }
 
     /// The fits to compare, the result last.
-    fn fits(&self) -> [FitOptions; 3] {
+    fn fits(&self) -> Vec<FitOptions> {
         let one = |method| FitOptions { lobes: 1, method, ..FitOptions::default() };
         let result = FitOptions {
             lobes: self.lobes,
@@ -100,7 +100,18 @@ impl Settings {
             isotropic: !self.anisotropic,
             ..FitOptions::default()
         };
-        [one(Method::LineSearch), one(Method::Lm), result]
+        let mut fits = vec![one(Method::LineSearch), one(Method::Lm), result];
+        fits.dedup();
+        fits
+    }
+
+    /// Checks all that can be checked before anything is measured.
+    ///
+    /// # Errors
+    /// When the settings ask for what cannot be fitted, or the recipe is wrong.
+    pub fn check(&self) -> Result<()> {
+        self.fits().iter().try_for_each(FitOptions::check)?;
+        self.layout(&self.size.rig(self.seed).carrier).map(|_| ())
     }
 
     /// The sample that lies on the carrier.
@@ -147,9 +158,8 @@ pub struct DemoOutcome {
 /// # Errors
 /// When the settings ask for what cannot be fitted, the recipe is wrong, the folder holds a run already, or the disk refuses.
 pub fn run(folder: &Path, settings: &Settings, report: &mut Report) -> Result<DemoOutcome> {
-    settings.fits().iter().try_for_each(FitOptions::check)?;
+    settings.check()?;
     let rig = settings.size.rig(settings.seed);
-    // Read before anything is simulated, so that a wrong recipe is told at once.
     let bench = simulated::bench(&rig, settings.layout(&rig.carrier)?);
     let poses = settings.poses.unwrap_or(settings.size.numbers().1);
     let extent = Extent::Budget(poses);

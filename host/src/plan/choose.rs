@@ -24,6 +24,9 @@ pub const MAX_THETA_O_DEG: f64 = 65.0;
 /// Candidates for every pose that a budget asks for; more gain under 2 % of spacing.
 const CANDIDATES_PER_POSE: usize = 150;
 
+/// The most poses of a plan: a month of measuring at a minute a pose, three times what the source ever took.
+const MOST_POSES: usize = 40_000;
+
 /// The poses chosen and the least distance between two of them.
 pub struct Chosen {
     /// Motor angles, first the ones that matter most.
@@ -48,12 +51,16 @@ pub fn poses(config: &RigConfig, extent: Extent, isotropic: bool, seed: u64) -> 
         Extent::Budget(_) => return Err(Error::input("--budget must be at least 1")),
     };
     let expected = if most == usize::MAX { expected_count(spacing, isotropic) } else { most };
+    if expected > MOST_POSES {
+        let message = format!("about {expected} poses would be needed, at most {MOST_POSES} can be planned");
+        return Err(Error::input(message));
+    }
     let wanted = expected.saturating_mul(CANDIDATES_PER_POSE).clamp(20_000, 2_000_000);
     let candidates = candidates(config, wanted, seed);
     if candidates.is_empty() {
         return Err(Error::input("the rig's limits leave no pose within the polar cuts of 75° and 65°"));
     }
-    Ok(farthest_points(&candidates, spacing, most, isotropic))
+    Ok(farthest_points(&candidates, (spacing, most, expected), isotropic))
 }
 
 /// Roughly how many poses a spacing (radians) admits: the volume of the direction pairs over that of a ball.
@@ -65,7 +72,7 @@ fn expected_count(spacing: f64, isotropic: bool) -> usize {
     } else {
         volume / (0.31 * spacing.powi(4))
     };
-    count.min(1e5) as usize + 1
+    count.min(1e9) as usize + 1
 }
 
 /// A direction pair and the motor angles that reach it.
@@ -98,8 +105,13 @@ fn candidates(config: &RigConfig, count: usize, seed: u64) -> Vec<Candidate> {
         .collect()
 }
 
-/// Takes the farthest candidate again and again until `most` are taken or none is `spacing` (radians) away.
-fn farthest_points(candidates: &[Candidate], spacing: f64, most: usize, isotropic: bool) -> Chosen {
+/// Takes the farthest candidate again and again until `most` are taken or none is `spacing` (radians) away; about
+/// `expected` are foreseen.
+fn farthest_points(
+    candidates: &[Candidate],
+    (spacing, most, expected): (f64, usize, usize),
+    isotropic: bool,
+) -> Chosen {
     // The first is the one nearest to looking straight down with the light at 30°.
     let light = DVec3::new(0.5, 0.0, 0.75f64.sqrt());
     let start = DirectionPair { wi: light, wo: DVec3::Z };
@@ -116,7 +128,7 @@ fn farthest_points(candidates: &[Candidate], spacing: f64, most: usize, isotropi
     let mut angles = vec![candidates[first].angles];
     let mut last = candidates[first].pair;
     let mut reached = f64::INFINITY;
-    let bar = progress::bar("choosing", most.min(candidates.len()) as u64, "poses");
+    let bar = progress::bar("choosing", expected as u64, "poses");
     while angles.len() < most {
         let farthest = nearest
             .par_iter_mut()

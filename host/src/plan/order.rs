@@ -28,7 +28,7 @@ pub fn travel_s(config: &RigConfig, a: &MotorAngles, b: &MotorAngles) -> f64 {
 
 /// Time of a tour through the poses in order, s.
 pub fn tour_s(config: &RigConfig, poses: &[MotorAngles]) -> f64 {
-    poses.windows(2).map(|pair| travel_s(config, &pair[0], &pair[1])).sum()
+    poses.windows(2).map(|pair| travel_s(config, &pair[0], &pair[1])).fold(0.0, |sum, way| sum + way)
 }
 
 /// The poses in an order with little travel.

@@ -5,6 +5,8 @@
 use lobelia_protocol::{AxisParameters, Configuration, HomeDirection};
 use serde::{Deserialize, Serialize};
 
+mod check;
+
 /// The whole file.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
@@ -441,6 +443,7 @@ impl RigConfig {
                 ))
             })?);
         }
+        // Within the controller's range, as `validate` sees to.
         let lamp_warm_up_s = self.lamp.warm_up_s.ceil() as u16;
         let axes = axes.try_into().map_err(|_| crate::Error::input("rig.toml: there must be four axes"))?;
         Ok(Configuration {
@@ -454,65 +457,6 @@ impl RigConfig {
             camera_wait_ms: 2000,
             coordinated: self.motion.coordinated,
         })
-    }
-
-    /// Checks what types cannot: limits in order, positive sizes, exposures 1 to 3, tags without repeats.
-    ///
-    /// # Errors
-    /// An input error that names the key.
-    pub fn validate(&self) -> crate::Result<()> {
-        let refuse = |key: &str, why: String| Err(crate::Error::input(format!("rig.toml: {key} {why}")));
-        for (name, axis) in AXIS_NAMES.iter().zip(self.axes.in_order()) {
-            if axis.min_deg.partial_cmp(&axis.max_deg) != Some(std::cmp::Ordering::Less) {
-                return refuse(&format!("axes.{name}"), "has min_deg not below max_deg".into());
-            }
-            for (key, value) in [
-                ("degrees_per_step", axis.degrees_per_step),
-                ("max_speed_deg_s", axis.max_speed_deg_s),
-                ("acceleration_deg_s2", axis.acceleration_deg_s2),
-                ("jerk_deg_s3", axis.jerk_deg_s3),
-            ] {
-                if !(value > 0.0 && value.is_finite()) {
-                    return refuse(&format!("axes.{name}.{key}"), format!("is {value}, must be above 0"));
-                }
-            }
-        }
-        for (name, axis) in AXIS_NAMES.iter().zip(self.axes.in_order()) {
-            let turn = 360.0 / axis.degrees_per_step;
-            if axis.full_turn && (turn - turn.round()).abs() > 1e-6 {
-                let why = format!("is true, but a turn is {turn} steps, which is no whole number");
-                return refuse(&format!("axes.{name}.full_turn"), why);
-            }
-        }
-        let positive = [
-            ("geometry.camera_distance_mm", self.geometry.camera_distance_mm),
-            ("geometry.light_radius_mm", self.geometry.light_radius_mm),
-            ("lamp.aperture_diameter_mm", self.lamp.aperture_diameter_mm),
-            ("lamp.reference_reading", self.lamp.reference_reading),
-            ("carrier.sample_width_mm", self.carrier.sample_width_mm),
-            ("carrier.sample_height_mm", self.carrier.sample_height_mm),
-            ("carrier.tag_size_mm", self.carrier.tag_size_mm),
-            ("camera.min_exposure_s", self.camera.min_exposure_s),
-            ("camera range (white_level - black_level)", self.camera.range()),
-            ("exposure.darkest_reflectance", self.exposure.darkest_reflectance),
-        ];
-        for (key, value) in positive {
-            if !(value > 0.0 && value.is_finite()) {
-                return refuse(key, format!("is {value}, must be above 0"));
-            }
-        }
-        if self.camera.width < 16 || self.camera.height < 16 || self.carrier.texels_across == 0 {
-            return refuse("camera.width, camera.height and carrier.texels_across", "are too small".into());
-        }
-        if !(1..=3).contains(&self.exposure.count) {
-            return refuse("exposure.count", format!("is {}, must be 1 to 3", self.exposure.count));
-        }
-        let mut ids: Vec<u32> = self.carrier.tags.iter().map(|tag| tag.id).collect();
-        ids.sort_unstable();
-        if let Some(pair) = ids.windows(2).find(|pair| pair[0] == pair[1]) {
-            return refuse("carrier.tags", format!("has the id {} twice", pair[0]));
-        }
-        Ok(())
     }
 }
 
@@ -528,15 +472,5 @@ mod tests {
         read.validate().unwrap();
         assert_eq!(read.carrier.tags.len(), 16);
         assert_eq!(read.carrier.texels_down(), 128);
-    }
-
-    #[test]
-    fn bad_numbers_name_their_key() {
-        let mut config = RigConfig::default();
-        config.axes.tilt.max_deg = f64::NAN;
-        assert!(config.validate().unwrap_err().to_string().contains("axes.tilt"));
-        let mut config = RigConfig::default();
-        config.exposure.count = 4;
-        assert!(config.validate().unwrap_err().to_string().contains("exposure.count"));
     }
 }

@@ -17,15 +17,34 @@ use crate::files;
 /// Edge of a chunk in texels.
 const BLOCK: usize = 16;
 
-/// Version of the layout, in the root group's attributes.
+/// Attribute of the root group that tells a sampled SBRDF from other stores.
+const LAYOUT_KEY: &str = "lobelia_layout";
+
+/// Version of the layout.
 const LAYOUT: u64 = 1;
 
 impl SampledSbrdf {
+    /// Whether a store may be written at `path`: nothing is there, an empty folder, or an earlier sampled SBRDF.
+    ///
+    /// # Errors
+    /// Input errors for anything else, which a store would destroy.
+    pub fn may_write_zarr(path: &Path) -> Result<()> {
+        let empty = || fs::read_dir(path).is_ok_and(|mut entries| entries.next().is_none());
+        let earlier =
+            || fs::read_to_string(path.join("zarr.json")).is_ok_and(|text| text.contains(LAYOUT_KEY));
+        if !path.exists() || (path.is_dir() && (empty() || earlier())) {
+            return Ok(());
+        }
+        let message = "there already and no sampled SBRDF; name another output";
+        Err(Error::input(format!("{}: {message}", path.display())))
+    }
+
     /// Writes the store; an earlier one at `path` is replaced only when the new one is complete.
     ///
     /// # Errors
-    /// When the disk refuses; nothing half-written is left under `path`.
+    /// As [`Self::may_write_zarr`], and when the disk refuses; nothing half-written is left under `path`.
     pub fn write_zarr(&self, path: &Path) -> Result<()> {
+        Self::may_write_zarr(path)?;
         let temporary = files::temporary_name(path);
         let _ = fs::remove_dir_all(&temporary);
         let written = write_store(self, &temporary).map_err(|error| Error::writing(path, error));
@@ -34,10 +53,17 @@ impl SampledSbrdf {
             let _ = fs::remove_dir_all(&temporary);
             return Err(error);
         }
-        if path.exists() {
-            fs::remove_dir_all(path).map_err(|error| Error::writing(path, error))?;
-        }
-        fs::rename(&temporary, path).map_err(|error| Error::writing(path, error))
+        // A folder cannot be replaced in one step: the earlier store goes aside, so that one of the two is always whole.
+        let aside = path.with_extension("zarr.old");
+        let replace = || -> std::io::Result<()> {
+            if path.exists() {
+                let _ = fs::remove_dir_all(&aside);
+                fs::rename(path, &aside)?;
+            }
+            fs::rename(&temporary, path)?;
+            if aside.exists() { fs::remove_dir_all(&aside) } else { Ok(()) }
+        };
+        replace().map_err(|error| Error::writing(path, error))
     }
 
     /// Reads a store that [`Self::write_zarr`] or another Zarr v3 writer made.
@@ -76,7 +102,7 @@ fn write_store(sampled: &SampledSbrdf, path: &Path) -> std::result::Result<(), B
     let store = Arc::new(FilesystemStore::new(path)?);
     let mut root = GroupBuilder::new().build(store.clone(), "/")?;
     let attributes = root.attributes_mut();
-    attributes.insert("lobelia_layout".into(), LAYOUT.into());
+    attributes.insert(LAYOUT_KEY.into(), LAYOUT.into());
     attributes.insert("texel_mm".into(), sampled.texel_mm.into());
     attributes.insert("reflectance_unit".into(), "1/sr".into());
     root.store_metadata()?;
@@ -139,7 +165,7 @@ fn write_small(
 fn read_store(path: &Path) -> std::result::Result<SampledSbrdf, StoreError> {
     let store = Arc::new(FilesystemStore::new(path)?);
     let root = Group::open(store.clone(), "/")?;
-    let layout = root.attributes().get("lobelia_layout").and_then(serde_json::Value::as_u64);
+    let layout = root.attributes().get(LAYOUT_KEY).and_then(serde_json::Value::as_u64);
     if layout != Some(LAYOUT) {
         let message = "not a sampled SBRDF of this version (attribute lobelia_layout is not 1)";
         return Err(StoreError::Layout(message.into()));
@@ -155,6 +181,7 @@ fn read_store(path: &Path) -> std::result::Result<SampledSbrdf, StoreError> {
         )));
     };
     require_type(&array, "reflectance", &data_type::float32())?;
+    chunks_are_there(path, &array)?;
     let reflectance: Vec<f32> = array.retrieve_array_subset(&array.subset_all())?;
     let light = read_small(&store, "light_position_mm", &[poses, 3])?;
     let camera = read_small(&store, "camera_position_mm", &[poses, 3])?;
@@ -167,6 +194,21 @@ fn read_store(path: &Path) -> std::result::Result<SampledSbrdf, StoreError> {
         })
         .collect();
     Ok(SampledSbrdf { width, height, texel_mm, poses, reflectance })
+}
+
+/// Zarr reads a chunk that is not there as its fill value; here that would be a block of texels lost without a word.
+fn chunks_are_there(path: &Path, array: &Array<FilesystemStore>) -> std::result::Result<(), StoreError> {
+    let grid = array.chunk_grid_shape();
+    for index in 0..grid.iter().product::<u64>() {
+        let mut rest = index;
+        let mut indices: Vec<u64> = grid.iter().rev().map(|&n| (rest % n, rest /= n).0).collect();
+        indices.reverse();
+        let key = array.chunk_key(&indices);
+        if !path.join(key.as_str()).is_file() {
+            return Err(StoreError::Layout(format!("the chunk {} is missing", key.as_str())));
+        }
+    }
+    Ok(())
 }
 
 fn require_type(
@@ -230,6 +272,24 @@ mod tests {
         let error = SampledSbrdf::read_zarr(folder.path()).unwrap_err();
         assert_eq!(error.exit_code(), 2);
         assert!(error.to_string().contains("zarr.json"));
+    }
+
+    #[test]
+    fn a_missing_chunk_is_refused_by_name() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("sampled.zarr");
+        example().write_zarr(&path).unwrap();
+        fs::remove_file(path.join("reflectance/c/1/0/0/0")).unwrap();
+        let text = SampledSbrdf::read_zarr(&path).unwrap_err().to_string();
+        assert!(text.contains("reflectance/c/1/0/0/0"), "{text}");
+    }
+
+    #[test]
+    fn a_folder_of_something_else_is_never_replaced() {
+        let folder = tempfile::tempdir().unwrap();
+        fs::write(folder.path().join("thesis.txt"), "years of work").unwrap();
+        assert_eq!(example().write_zarr(folder.path()).unwrap_err().exit_code(), 2);
+        assert!(folder.path().join("thesis.txt").is_file());
     }
 
     #[test]
