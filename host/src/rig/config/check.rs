@@ -214,9 +214,10 @@ mod tests {
                     other => &mut other[step.as_str()],
                 };
             }
-            let integer = place.is_integer();
             *place = match value {
-                toml::Value::Float(number) if integer => toml::Value::Integer(*number as i64),
+                toml::Value::Float(number) if place.is_integer() => {
+                    toml::Value::Integer(number.is_finite().then_some(*number as i64)?)
+                }
                 other => other.clone(),
             };
             Some((path.join("."), changed.try_into().ok()?))
