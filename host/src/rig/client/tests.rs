@@ -141,7 +141,7 @@ proptest! {
             Ok((Axis::ALL.map(|axis| rig.steps_received(axis)), rig.angles_rad(), rig.last_exposure()))
         };
         let clean = run(FaultRates { lost: 0.0, flipped: 0.0, doubled: 0.0 })?;
-        let bad = run(FaultRates { lost: 0.004, flipped: 0.004, doubled: 0.002 })?;
+        let bad = run(FaultRates { lost: 0.002, flipped: 0.002, doubled: 0.001 })?;
         prop_assert_eq!(bad.0, clean.0);
         prop_assert_eq!(bad.1, clean.1);
         prop_assert_eq!(bad.2.map(|truth| truth.sequence), clean.2.map(|truth| truth.sequence));
