@@ -6,7 +6,10 @@
 
 use embedded_hal::digital::{InputPin, OutputPin};
 use embedded_hal::pwm::SetDutyCycle;
-use lobelia_protocol::AXES;
+use lobelia_protocol::{AXES, CrashRecord};
+
+use crate::safety::EmergencyStop;
+use crate::storage::Storage;
 
 /// A link that carries bytes and never waits.
 pub trait ByteLink {
@@ -74,11 +77,33 @@ pub struct Options<B: Board> {
     pub over_temperature: Option<B::Input>,
     /// High: the camera can take a photograph.
     pub camera_ready: Option<B::Input>,
+    /// Memory for parameters.
+    pub storage: Option<&'static mut (dyn Storage + Send)>,
+    /// Tripped by an interrupt.
+    pub emergency_stop: Option<&'static EmergencyStop>,
+    /// Resets the board when it isn't fed.
+    pub watchdog: Option<&'static mut (dyn Watchdog + Send)>,
+    /// What the last crash left behind.
+    pub crash: Option<CrashRecord>,
+}
+
+/// A timer that resets the board unless it is fed in time.
+pub trait Watchdog {
+    /// Starts the time anew.
+    fn feed(&mut self);
 }
 
 impl<B: Board> Default for Options<B> {
     fn default() -> Self {
-        Self { stall: [const { None }; AXES], over_temperature: None, camera_ready: None }
+        Self {
+            stall: [const { None }; AXES],
+            over_temperature: None,
+            camera_ready: None,
+            storage: None,
+            emergency_stop: None,
+            watchdog: None,
+            crash: None,
+        }
     }
 }
 

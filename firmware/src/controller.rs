@@ -1,5 +1,6 @@
 //! The controller: takes packets from the link, runs one long command at a time, and stops everything on a fault.
 
+mod lease;
 mod light;
 mod moves;
 
@@ -16,8 +17,9 @@ use crate::lamp::Lamp;
 use crate::link::{Admission, Link};
 use crate::motion::axis::AxisDrive;
 use crate::motion::parameters;
-use crate::safety::Safety;
+use crate::safety::{EmergencyStop, Safety};
 use crate::shutter::Shutter;
+use crate::storage;
 
 /// A command that takes time, being run.
 #[derive(Debug)]
@@ -74,6 +76,8 @@ pub struct Controller<B: Board> {
     link: Link<B::Link>,
     configuration: Option<Configuration>,
     running: Option<Running>,
+    /// When the last request or hello came.
+    heard_us: u64,
 }
 
 impl<B: Board> Controller<B> {
@@ -84,6 +88,9 @@ impl<B: Board> Controller<B> {
 
     /// The same, on a board that has more than it needs.
     pub fn with_options(peripherals: Peripherals<B>, options: Options<B>) -> Self {
+        let mut options = options;
+        let stored = options.storage.as_mut().and_then(|storage| storage::load(&mut **storage));
+        let configuration = stored.filter(|stored| parameters::validate(stored).is_ok());
         let Peripherals { axes, shutter, lamp, lamp_level, photodiode, emergency_stop, link } = peripherals;
         Self {
             axes: axes.map(AxisDrive::new),
@@ -93,14 +100,19 @@ impl<B: Board> Controller<B> {
             photodiode,
             safety: Safety::new(emergency_stop),
             link: Link::new(link),
-            configuration: None,
+            configuration,
             running: None,
+            heard_us: 0,
         }
     }
 
     /// When [`Self::poll`] has to be called next, unless a byte or the emergency stop comes first; in µs, and
     /// `u64::MAX` when nothing is under way.
     pub fn next_event_us(&self) -> u64 {
+        self.task_us().min(self.lease_end_us())
+    }
+
+    fn task_us(&self) -> u64 {
         let Some(running) = &self.running else {
             return u64::MAX;
         };
@@ -121,6 +133,9 @@ impl<B: Board> Controller<B> {
 
     /// Does all that is due at `now_us`, which never goes back.
     pub fn poll(&mut self, now_us: u64) {
+        if self.options.emergency_stop.is_some_and(EmergencyStop::take) {
+            self.raise(now_us, Fault::EmergencyStop, None);
+        }
         match self.safety.newly_pressed() {
             Ok(false) => {}
             Ok(true) => self.raise(now_us, Fault::EmergencyStop, None),
@@ -134,12 +149,33 @@ impl<B: Board> Controller<B> {
         while let Some(packet) = self.link.receive() {
             match packet {
                 ToController::Hello(hello) => {
+                    self.heard_us = now_us;
                     if self.link.greet(hello) {
                         self.abandon(now_us);
                     }
+                    // A host of another version would not understand.
+                    if self.link.is_open()
+                        && let Some(crash) = self.options.crash.take()
+                    {
+                        self.link.tell(Event::Crashed(crash));
+                    }
                 }
-                ToController::Request(request) => self.take(now_us, &request),
+                ToController::Request(request) => {
+                    self.take(now_us, &request);
+                    while let Some(held) = self.link.next_held() {
+                        self.take(now_us, &held);
+                    }
+                }
             }
+        }
+        if now_us >= self.lease_end_us() {
+            self.expire(now_us);
+        }
+        // A board whose pins fail is better off with a reset, which puts them to their safe state.
+        if let Some(watchdog) = &mut self.options.watchdog
+            && !self.safety.faults().contains(Fault::Hardware)
+        {
+            watchdog.feed();
         }
         self.link.flush();
     }
@@ -155,6 +191,9 @@ impl<B: Board> Controller<B> {
     }
 
     fn take(&mut self, now_us: u64, request: &Request) {
+        if self.link.in_session(request) {
+            self.heard_us = now_us;
+        }
         let running = self.running.as_ref().and_then(|running| running.request);
         match self.link.admit(request, running) {
             Admission::Answer(outcome) => {
@@ -197,6 +236,7 @@ impl<B: Board> Controller<B> {
             | Command::Home
             | Command::HomeRepeatedly { .. }
             | Command::CheckIndex
+            | Command::SaveParameters
             | Command::MoveTo(_)
             | Command::Retarget(_)
             | Command::Expose { .. } => {}
@@ -209,6 +249,14 @@ impl<B: Board> Controller<B> {
             return Ok(Some(Answer::Nothing));
         }
         let configuration = self.configuration.ok_or(Refusal::NotConfigured)?;
+        if request.command == Command::SaveParameters {
+            let saved = self
+                .options
+                .storage
+                .as_mut()
+                .is_some_and(|storage| storage::save(&mut **storage, &configuration));
+            return if saved { Ok(Some(Answer::Nothing)) } else { Err(Refusal::NoStorage.into()) };
+        }
         self.safety.check()?;
         let task = match request.command {
             Command::MoveTo(targets) => self.begin_move(now_us, &configuration, targets)?,
@@ -330,7 +378,7 @@ impl<B: Board> Controller<B> {
                     self.start_move(now_us, &configuration, targets).map_err(|_| (Fault::Hardware, None))?;
                 None
             }
-            Task::Stop => Some(Outcome::Refused(Refusal::Stopped)),
+            Task::Stop => Some(Outcome::Refused(self.safety.check().err().unwrap_or(Refusal::Stopped))),
             Task::Move { settle_ms } => {
                 *task = Task::Settle { until_us: now_us + u64::from(*settle_ms) * 1000, found: None };
                 None
@@ -360,7 +408,7 @@ impl<B: Board> Controller<B> {
             safe &= self.lamp.switch(now_us, false, 0).is_ok();
         }
         if self.safety.latch(fault) {
-            self.link.send(&ToHost::Event(Event::Fault(FaultReport { fault, axis, at_us: now_us })));
+            self.link.tell(Event::Fault(FaultReport { fault, axis, at_us: now_us }));
         }
         if !safe {
             self.safety.latch(Fault::Hardware);

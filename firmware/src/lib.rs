@@ -13,8 +13,9 @@ mod homing;
 mod lamp;
 mod link;
 mod motion;
-mod safety;
+pub mod safety;
 mod shutter;
+pub mod storage;
 
-pub use board::{AnalogInput, AxisPins, Board, ByteLink, Options, Peripherals};
+pub use board::{AnalogInput, AxisPins, Board, ByteLink, Options, Peripherals, Watchdog};
 pub use controller::Controller;

@@ -120,6 +120,10 @@ impl MechanicsConfig {
             axes: self.axes().map(AxisMechanics::parameters),
             lamp_warm_up_s: self.lamp.warm_up_s,
             lamp_least_reading: (self.lamp.photodiode_counts / 10.0) as u16,
+            // A simulated host may take its time.
+            lease_ms: 0,
+            lamp_lease_ms: 0,
+            lamp_safe_level: 0,
             camera_wait_ms: 2000,
             coordinated: true,
         }

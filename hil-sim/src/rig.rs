@@ -10,6 +10,9 @@ use crate::config::MechanicsConfig;
 use crate::link::SimulatedLink;
 use crate::world::World;
 
+/// An idle host is heard this often, µs.
+const KEEP_ALIVE_US: u64 = 500_000;
+
 /// What an exposure truly was.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ExposureTruth {
@@ -57,8 +60,22 @@ impl SimulatedRig {
         self.lock().bench.now_us()
     }
 
-    /// Lets virtual time pass without commands; does nothing if the time is past.
+    /// Lets virtual time pass without commands, for a host that is still there: it keeps its lease. Does nothing if the
+    /// time is past.
     pub fn idle_until_us(&self, time_us: u64) {
+        let mut world = self.lock();
+        loop {
+            world.keep_alive();
+            let now = world.bench.now_us();
+            if now >= time_us {
+                return;
+            }
+            world.run_until(time_us.min(now + KEEP_ALIVE_US), false);
+        }
+    }
+
+    /// Lets virtual time pass as when the host has died.
+    pub fn abandon_until_us(&self, time_us: u64) {
         self.lock().run_until(time_us, false);
     }
 

@@ -10,6 +10,8 @@ use crate::rig::SimulatedRig;
 
 /// How long the server waits for a byte before it lets virtual time pass.
 const TICK: Duration = Duration::from_millis(2);
+/// A host that was heard within this time keeps its lease.
+const LEASE: Duration = Duration::from_secs(2);
 
 /// Serves hosts one after the other; returns only when the listener fails.
 pub fn serve_tcp(listener: &TcpListener, rig: &SimulatedRig, speed: f64) -> io::Result<()> {
@@ -26,15 +28,25 @@ fn serve(mut stream: TcpStream, rig: &SimulatedRig, speed: f64) -> io::Result<()
     let mut link = rig.link();
     let mut buffer = [0; 512];
     let mut last = Instant::now();
+    let mut heard = last;
     loop {
         match stream.read(&mut buffer) {
             Ok(0) => return Ok(()),
-            Ok(count) => link.write_all(&buffer[..count])?,
+            Ok(count) => {
+                heard = Instant::now();
+                link.write_all(&buffer[..count])?;
+            }
             Err(error) if would_wait(&error) => {}
             Err(error) => return Err(error),
         }
         let now = Instant::now();
-        rig.idle_until_us(rig.now_us() + ((now - last).as_secs_f64() * 1e6 * speed) as u64);
+        let until = rig.now_us() + ((now - last).as_secs_f64() * 1e6 * speed) as u64;
+        // The lease runs in the host's time, not in the rig's, which may be a thousand times as fast.
+        if now - heard < LEASE {
+            rig.idle_until_us(until);
+        } else {
+            rig.abandon_until_us(until);
+        }
         last = now;
         link.set_timeout(Duration::ZERO);
         match link.read(&mut buffer) {

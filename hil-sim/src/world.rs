@@ -51,6 +51,11 @@ impl World {
         self.watch_shutter();
     }
 
+    /// Renews the host's lease.
+    pub(crate) fn keep_alive(&mut self) {
+        self.controller.keep_alive(self.bench.now_us());
+    }
+
     /// Lets time pass until `deadline_us`, or with `for_output` until the controller has sent something.
     pub(crate) fn run_until(&mut self, deadline_us: u64, for_output: bool) {
         while !for_output || self.bench.to_host.is_empty() {

@@ -23,11 +23,13 @@ pub enum Fault {
     OverTemperature,
     /// The lamp was on and warm, but its photodiode stayed dark.
     LampFailure,
+    /// No request came for the time of the lease.
+    LeaseExpired,
 }
 
 impl Fault {
     /// Every fault, in the order of its bit in [`Faults`].
-    pub const ALL: [Self; 8] = [
+    pub const ALL: [Self; 9] = [
         Self::EmergencyStop,
         Self::LimitHit,
         Self::HomingFailed,
@@ -36,6 +38,7 @@ impl Fault {
         Self::Stall,
         Self::OverTemperature,
         Self::LampFailure,
+        Self::LeaseExpired,
     ];
 
     const fn bit(self) -> u16 {

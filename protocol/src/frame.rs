@@ -91,6 +91,11 @@ impl FrameDecoder {
     }
 }
 
+/// The checksum of frames: CRC-32 as in Ethernet and zip.
+pub(crate) const fn checksum(bytes: &[u8]) -> u32 {
+    CRC.checksum(bytes)
+}
+
 /// Undoes COBS in place and checks the checksum.
 fn unwrap(body: &mut [u8]) -> Result<&[u8], FrameError> {
     let length = cobs::decode_in_place(body).map_err(|_| FrameError::Malformed)?;

@@ -97,6 +97,13 @@ pub struct Configuration {
     /// In an exposure that needs the warm lamp, a mean reading of the photodiode below this, for full level, means that the lamp
     /// has failed; counts, 0 to not look.
     pub lamp_least_reading: u16,
+    /// Without a request for this long while something is being run, the controller stops smoothly, puts the lamp to its safe
+    /// level and raises a fault; ms, 0 for never.
+    pub lease_ms: u32,
+    /// The same while the lamp burns, ms.
+    pub lamp_lease_ms: u32,
+    /// The lamp's level when the lease has run out, of 65535; at 0 it is switched off.
+    pub lamp_safe_level: u16,
     /// How long an exposure waits for the camera to be ready, where the board has an input for that, in ms.
     pub camera_wait_ms: u16,
     /// Whether the axes of a move arrive all at once, each slowed down to the slowest one's time; or else each as soon as it
@@ -146,6 +153,8 @@ pub enum Command {
     /// Looks for the home switches as homing does, but keeps the positions, and reports how many steps were lost since. More
     /// than the tolerance is a fault.
     CheckIndex,
+    /// Stores the configuration, to be there after the next power-up.
+    SaveParameters,
 }
 
 /// A command with the id by which a repetition is known.
@@ -153,7 +162,7 @@ pub enum Command {
 pub struct Request {
     /// The session opened by the hello.
     pub session: u32,
-    /// Rises from request to request; a repetition bears the same.
+    /// 1 for the session's first request, then one more for each; a repetition bears the same.
     pub id: u32,
     /// What to do.
     pub command: Command,
@@ -177,7 +186,8 @@ pub enum Outcome {
     Done(Answer),
     /// Not done, or given up.
     Refused(Refusal),
-    /// A repetition of the request that is being run: its answer comes when it has finished.
+    /// A repetition of the request that is being run, or one that waits until those before it have come: its answer comes
+    /// later.
     Running,
 }
 
@@ -264,6 +274,10 @@ pub enum Refusal {
         /// By how much, µs.
         late_us: u32,
     },
+    /// The id is too far ahead of the last one: too many requests are in flight.
+    OutOfWindow,
+    /// The controller has no memory for parameters, or it can't be written.
+    NoStorage,
 }
 
 /// A parameter that can be out of range.
@@ -331,9 +345,33 @@ pub struct LampStatus {
     pub remaining_s: u16,
 }
 
+/// Why a controller crashed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+pub enum CrashCause {
+    /// The program found itself in an impossible state.
+    Panic,
+    /// The stack grew over its end.
+    StackOverflow,
+    /// The processor met something that it can't run.
+    HardFault,
+    /// The watchdog wasn't fed.
+    Watchdog,
+}
+
+/// What a crash left behind.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+pub struct CrashRecord {
+    /// Why.
+    pub cause: CrashCause,
+    /// Where: a source line for a panic, else an address, as the cause has it; 0 when unknown.
+    pub place: u32,
+}
+
 /// What the controller tells unasked.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Event {
     /// A fault was raised.
     Fault(FaultReport),
+    /// The controller crashed before it was started last. Told once, after a hello.
+    Crashed(CrashRecord),
 }

@@ -5,7 +5,7 @@ use serde::de::DeserializeOwned;
 
 use crate::frame::{self, EncodedFrame, MAX_PAYLOAD};
 use crate::hello::{self, Hello, HelloReply};
-use crate::message::{Event, Request, Response};
+use crate::message::{Configuration, Event, Request, Response};
 
 const MESSAGE: u8 = 1;
 const EVENT: u8 = 2;
@@ -81,6 +81,21 @@ impl ToHost {
             _ => Err(CodecError::Malformed),
         }
     }
+}
+
+/// The CRC-32 that frames bear, for records that are stored instead of sent.
+pub fn checksum(bytes: &[u8]) -> u32 {
+    frame::checksum(bytes)
+}
+
+/// Writes a configuration as it is sent; gives its length, or nothing when it doesn't fit.
+pub fn write_configuration(configuration: &Configuration, into: &mut [u8]) -> Option<usize> {
+    postcard::to_slice(configuration, into).ok().map(|written| written.len())
+}
+
+/// Reads what [`write_configuration`] wrote.
+pub fn read_configuration(bytes: &[u8]) -> Option<Configuration> {
+    read(bytes).ok()
 }
 
 fn write(kind: u8, message: &impl Serialize) -> Result<EncodedFrame, CodecError> {

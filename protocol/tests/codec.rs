@@ -2,9 +2,9 @@
 
 use lobelia_protocol::frame::{self, MAX_PAYLOAD};
 use lobelia_protocol::{
-    Answer, Axis, AxisParameters, Command, Configuration, Event, Exposure, Fault, FaultReport, Faults, Field,
-    FrameDecoder, FrameError, Hello, HelloReply, HomeDirection, HomingReport, LampStatus, Outcome, Refusal,
-    Request, Response, Status, ToController, ToHost, Verdict, schema,
+    Answer, Axis, AxisParameters, Command, Configuration, CrashCause, CrashRecord, Event, Exposure, Fault,
+    FaultReport, Faults, Field, FrameDecoder, FrameError, Hello, HelloReply, HomeDirection, HomingReport,
+    LampStatus, Outcome, Refusal, Request, Response, Status, ToController, ToHost, Verdict, schema,
 };
 use proptest::collection::vec;
 use proptest::prelude::*;
@@ -49,6 +49,9 @@ fn commands() -> Vec<Command> {
             axes: [0, 1, -2, i32::MAX - 100_000].map(axis_parameters),
             lamp_warm_up_s: 900,
             lamp_least_reading: 300,
+            lease_ms: 2000,
+            lamp_lease_ms: 60_000,
+            lamp_safe_level: 9000,
             camera_wait_ms: 2000,
             coordinated: true,
         }),
@@ -62,6 +65,7 @@ fn commands() -> Vec<Command> {
         Command::Retarget([1, -1, i32::MIN, i32::MAX]),
         Command::HomeRepeatedly { approaches: 5 },
         Command::CheckIndex,
+        Command::SaveParameters,
     ]
 }
 
@@ -113,6 +117,8 @@ fn outcomes() -> Vec<Outcome> {
             Refusal::Stopped,
             Refusal::CameraNotReady,
             Refusal::ShutterLate { late_us: 12 },
+            Refusal::OutOfWindow,
+            Refusal::NoStorage,
         ]
         .map(Outcome::Refused),
     );
@@ -132,10 +138,15 @@ fn to_host() -> Vec<ToHost> {
         .into_iter()
         .map(|outcome| ToHost::Response(Response { session: u32::MAX, id: u32::MAX, outcome }));
     let fault = FaultReport { fault: Fault::HomingFailed, axis: Some(Axis::Light), at_us: u64::MAX };
-    [ToHost::Hello(Hello::new(7).reply()), ToHost::Event(Event::Fault(fault))]
-        .into_iter()
-        .chain(responses)
-        .collect()
+    let crash = CrashRecord { cause: CrashCause::Watchdog, place: 77 };
+    [
+        ToHost::Hello(Hello::new(7).reply()),
+        ToHost::Event(Event::Fault(fault)),
+        ToHost::Event(Event::Crashed(crash)),
+    ]
+    .into_iter()
+    .chain(responses)
+    .collect()
 }
 
 #[test]
@@ -164,7 +175,7 @@ fn bytes_of_messages_change_only_together_with_the_schema_identity() {
     let pinned = (schema::VERSION, schema::IDENTITY, schema::identity(0, &bytes));
     assert_eq!(
         pinned,
-        (2, 12_279_731_667_511_392_496, 8_198_228_570_421_841_327),
+        (2, 16_659_785_821_898_396_137, 6_223_815_578_139_945_509),
         "raise schema::VERSION, describe the change in schema::TEXT, then pin"
     );
 }

@@ -32,6 +32,11 @@ impl<P: OutputPin, D: SetDutyCycle> Lamp<P, D> {
         Ok(())
     }
 
+    /// Whether it burns.
+    pub(crate) fn is_on(&self) -> bool {
+        self.on_since_us.is_some()
+    }
+
     /// Its state, given how long it has to burn until it is warm.
     pub(crate) fn status(&self, now_us: u64, warm_up_s: u16) -> LampStatus {
         let Some(since) = self.on_since_us else {

@@ -1,9 +1,9 @@
 //! The link's memory: frames in and out, the session, and the answers given, so that a request repeated because a byte
 //! was lost is answered again and not run again.
 
-use heapless::{Deque, HistoryBuf};
+use heapless::{Deque, HistoryBuf, Vec};
 use lobelia_protocol::{
-    FrameDecoder, Hello, Outcome, Refusal, Request, Response, ToController, ToHost, Verdict,
+    Command, Event, FrameDecoder, Hello, Outcome, Refusal, Request, Response, ToController, ToHost, Verdict,
 };
 
 use crate::board::ByteLink;
@@ -12,6 +12,11 @@ use crate::board::ByteLink;
 const OUTBOX: usize = 1024;
 /// Answers kept for repeated requests.
 const ANSWERS: usize = 8;
+
+/// Requests that may wait for one before them.
+const HELD: usize = 3;
+/// Events waiting to be sent.
+const EVENTS: usize = 8;
 
 /// What to do with a request.
 #[derive(Debug, PartialEq, Eq)]
@@ -31,6 +36,8 @@ pub(crate) struct Link<L> {
     session: Option<u32>,
     newest: u32,
     answers: HistoryBuf<Response, ANSWERS>,
+    held: Vec<Request, HELD>,
+    events: Deque<Event, EVENTS>,
 }
 
 impl<L: ByteLink> Link<L> {
@@ -42,6 +49,8 @@ impl<L: ByteLink> Link<L> {
             session: None,
             newest: 0,
             answers: HistoryBuf::new(),
+            held: Vec::new(),
+            events: Deque::new(),
         }
     }
 
@@ -66,25 +75,62 @@ impl<L: ByteLink> Link<L> {
             self.session = session;
             self.newest = 0;
             self.answers.clear();
+            self.held.clear();
         }
         self.send(&ToHost::Hello(reply));
         new
     }
 
-    /// Decides whether a request is run. Ids rise, so one that isn't above all others was seen before.
+    /// Decides whether a request is run: each once, in the order of their ids. One that comes before its turn is held until
+    /// its forerunners have come. Only a stop doesn't wait: it runs at once, and what went before it never does.
     pub(crate) fn admit(&mut self, request: &Request, running: Option<u32>) -> Admission {
         if self.session != Some(request.session) {
             return Admission::Answer(Outcome::Refused(Refusal::NoSession));
         }
         if request.id > self.newest {
-            self.newest = request.id;
-            return Admission::Run;
+            let ahead = request.id - self.newest;
+            if ahead == 1 || request.command == Command::Stop {
+                self.newest = request.id;
+                self.held.retain(|held| held.id > request.id);
+                return Admission::Run;
+            }
+            let known = self.held.iter().any(|held| held.id == request.id);
+            return Admission::Answer(
+                if known || ahead as usize <= HELD + 1 && self.held.push(*request).is_ok() {
+                    Outcome::Running
+                } else {
+                    Outcome::Refused(Refusal::OutOfWindow)
+                },
+            );
         }
         if running == Some(request.id) {
             return Admission::Answer(Outcome::Running);
         }
         let kept = self.answers.oldest_ordered().find(|answer| answer.id == request.id);
         Admission::Answer(kept.map_or(Outcome::Refused(Refusal::Stale), |answer| answer.outcome))
+    }
+
+    /// Whether a session is open.
+    pub(crate) fn is_open(&self) -> bool {
+        self.session.is_some()
+    }
+
+    /// Whether a request belongs to the session that is open.
+    pub(crate) fn in_session(&self, request: &Request) -> bool {
+        self.session == Some(request.session)
+    }
+
+    /// The held request whose turn has come.
+    pub(crate) fn next_held(&mut self) -> Option<Request> {
+        let turn = self.newest.wrapping_add(1);
+        let place = self.held.iter().position(|held| held.id == turn)?;
+        Some(self.held.swap_remove(place))
+    }
+
+    /// Tells something unasked, once no answer waits to be sent. When too much waits the newest is left out: a fault is in each
+    /// status too.
+    pub(crate) fn tell(&mut self, event: Event) {
+        let _ = self.events.push_back(event);
     }
 
     /// Answers a request and remembers the answer.
@@ -108,11 +154,21 @@ impl<L: ByteLink> Link<L> {
 
     /// Hands the port as many bytes as it takes.
     pub(crate) fn flush(&mut self) {
+        if self.outbox.is_empty()
+            && let Some(event) = self.events.pop_front()
+        {
+            self.send(&ToHost::Event(event));
+        }
         while let Some(&byte) = self.outbox.front() {
             if !self.port.write(byte) {
                 return;
             }
             self.outbox.pop_front();
+            if self.outbox.is_empty()
+                && let Some(event) = self.events.pop_front()
+            {
+                self.send(&ToHost::Event(event));
+            }
         }
     }
 }

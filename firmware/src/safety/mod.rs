@@ -1,9 +1,45 @@
 //! Safety: the emergency stop's input and the faults, which stay until the host clears them.
 
+use core::sync::atomic::{AtomicBool, Ordering};
+
 use embedded_hal::digital::InputPin;
 use lobelia_protocol::{Fault, Faults, Refusal};
 
 use crate::board::{PinFailure, is_high};
+
+/// The emergency stop as an interrupt sees it.
+///
+/// The handler calls [`Self::trip`] and may release the motors itself. From then on the controller makes no step: it looks before each
+/// one, and cuts everything at its next poll. [`emergency_stop`] is the same as a function.
+#[derive(Debug, Default)]
+pub struct EmergencyStop(AtomicBool);
+
+impl EmergencyStop {
+    /// Not tripped.
+    pub const fn new() -> Self {
+        Self(AtomicBool::new(false))
+    }
+
+    /// Trips it; for an interrupt handler.
+    pub fn trip(&self) {
+        self.0.store(true, Ordering::Release);
+    }
+
+    /// Whether it was tripped since this was last asked.
+    pub(crate) fn take(&self) -> bool {
+        // Load and store, since small cores have no swap; only the interrupt sets it and only the controller resets it.
+        let tripped = self.0.load(Ordering::Acquire);
+        if tripped {
+            self.0.store(false, Ordering::Release);
+        }
+        tripped
+    }
+}
+
+/// What an interrupt handler of the emergency stop calls.
+pub fn emergency_stop(stop: &EmergencyStop) {
+    stop.trip();
+}
 
 /// The emergency stop and what has gone wrong so far.
 #[derive(Debug)]

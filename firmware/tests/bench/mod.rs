@@ -1,17 +1,22 @@
 //! A bench for the controller: pins that write down what they are told and when.
 #![allow(clippy::unwrap_used)]
+#![allow(dead_code, reason = "each test uses its part")]
 
 use std::cell::RefCell;
 use std::collections::VecDeque;
 use std::convert::Infallible;
 use std::rc::Rc;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU32, Ordering::Relaxed};
 
 use embedded_hal::digital::{self, InputPin, OutputPin};
 use embedded_hal::pwm::{self, SetDutyCycle};
-use lobelia_firmware::{AnalogInput, AxisPins, Board, ByteLink, Controller, Options, Peripherals};
+use lobelia_firmware::safety::EmergencyStop;
+use lobelia_firmware::storage::Storage;
+use lobelia_firmware::{AnalogInput, AxisPins, Board, ByteLink, Controller, Options, Peripherals, Watchdog};
 use lobelia_protocol::{
-    AxisParameters, Command, Configuration, FrameDecoder, Hello, HomeDirection, Outcome, Request, Response,
-    ToController, ToHost,
+    AxisParameters, Command, Configuration, CrashCause, CrashRecord, FrameDecoder, Hello, HomeDirection,
+    Outcome, Refusal, Request, Response, ToController, ToHost,
 };
 
 /// Where the home switch closes, in motor steps from where the rig was switched on.
@@ -34,6 +39,10 @@ pub(crate) struct Bench {
     pub(crate) stop_pressed: bool,
     pub(crate) stalled: [bool; 4],
     pub(crate) hot: bool,
+    pub(crate) diode_broken: bool,
+    /// The link takes no bytes from the controller.
+    pub(crate) line_stuck: bool,
+    pub(crate) lamp_level: u16,
     pub(crate) camera_ready_us: u64,
     /// The photodiode's readings, in turn; 1234 where there are none.
     pub(crate) readings: VecDeque<u16>,
@@ -65,10 +74,17 @@ enum Role {
 }
 
 pub(crate) struct Pin(Shared, Role);
-pub(crate) struct Dimmer;
+pub(crate) struct Dimmer(Shared);
 pub(crate) struct Diode(Shared);
 pub(crate) struct Wire(Shared);
 pub(crate) struct TestBoard;
+struct Dog(Arc<AtomicU32>);
+
+impl Watchdog for Dog {
+    fn feed(&mut self) {
+        self.0.fetch_add(1, Relaxed);
+    }
+}
 
 impl Board for TestBoard {
     type Output = Pin;
@@ -151,13 +167,17 @@ impl SetDutyCycle for Dimmer {
     fn max_duty_cycle(&self) -> u16 {
         1000
     }
-    fn set_duty_cycle(&mut self, _: u16) -> Result<(), Infallible> {
+    fn set_duty_cycle(&mut self, level: u16) -> Result<(), Infallible> {
+        self.0.borrow_mut().lamp_level = level;
         Ok(())
     }
 }
 
 impl AnalogInput for Diode {
     fn read(&mut self) -> Option<u16> {
+        if self.0.borrow().diode_broken {
+            return None;
+        }
         let readings = &mut self.0.borrow_mut().readings;
         readings.rotate_left(usize::from(!readings.is_empty()));
         Some(readings.back().copied().unwrap_or(1234))
@@ -169,14 +189,20 @@ impl ByteLink for Wire {
         self.0.borrow_mut().to_controller.pop_front()
     }
     fn write(&mut self, byte: u8) -> bool {
-        self.0.borrow_mut().to_host.push(byte);
-        true
+        let bench = &mut *self.0.borrow_mut();
+        if !bench.line_stuck {
+            bench.to_host.push(byte);
+        }
+        !bench.line_stuck
     }
 }
 
 /// A controller on its bench, and a host that talks to it.
 pub(crate) struct Rig {
     pub(crate) bench: Shared,
+    pub(crate) emergency_stop: &'static EmergencyStop,
+    /// How often the watchdog was fed.
+    pub(crate) meals: Arc<AtomicU32>,
     controller: Controller<TestBoard>,
     decoder: FrameDecoder,
     next_id: u32,
@@ -187,6 +213,15 @@ pub(crate) const SESSION: u32 = 77;
 
 impl Rig {
     pub(crate) fn new() -> Self {
+        Self::build(None)
+    }
+
+    /// With memory for parameters.
+    pub(crate) fn with_storage(storage: &'static mut (dyn Storage + Send)) -> Self {
+        Self::build(Some(storage))
+    }
+
+    fn build(storage: Option<&'static mut (dyn Storage + Send)>) -> Self {
         let bench = Shared::default();
         let pin = |role| Pin(Rc::clone(&bench), role);
         let peripherals = Peripherals {
@@ -198,18 +233,24 @@ impl Rig {
             }),
             shutter: pin(Role::Shutter),
             lamp: pin(Role::Lamp),
-            lamp_level: Dimmer,
+            lamp_level: Dimmer(Rc::clone(&bench)),
             photodiode: Diode(Rc::clone(&bench)),
             emergency_stop: pin(Role::Stop),
             link: Wire(Rc::clone(&bench)),
         };
+        let emergency_stop: &'static EmergencyStop = Box::leak(Box::new(EmergencyStop::new()));
+        let meals = Arc::new(AtomicU32::new(0));
         let options = Options {
             stall: std::array::from_fn(|axis| Some(pin(Role::Stall(axis)))),
             over_temperature: Some(pin(Role::Hot)),
             camera_ready: Some(pin(Role::CameraReady)),
+            storage,
+            emergency_stop: Some(emergency_stop),
+            watchdog: Some(Box::leak(Box::new(Dog(Arc::clone(&meals))))),
+            crash: Some(CrashRecord { cause: CrashCause::HardFault, place: 0x0800_1234 }),
         };
         let controller = Controller::with_options(peripherals, options);
-        Self { bench, controller, decoder: FrameDecoder::new(), next_id: 1 }
+        Self { bench, emergency_stop, meals, controller, decoder: FrameDecoder::new(), next_id: 1 }
     }
 
     /// With a session, and configured.
@@ -315,6 +356,14 @@ impl Rig {
     }
 }
 
+/// The refusal that an outcome must be.
+pub(crate) fn refusal(outcome: Outcome) -> Refusal {
+    match outcome {
+        Outcome::Refused(refusal) => refusal,
+        other => panic!("not refused: {other:?}"),
+    }
+}
+
 /// Axes of different speeds; home switch at the lower end, at step −1000 of the axis.
 pub(crate) fn configuration() -> Configuration {
     let axis = |max_speed, acceleration| AxisParameters {
@@ -339,6 +388,9 @@ pub(crate) fn configuration() -> Configuration {
         axes: [axis(2000, 4000), axis(1000, 20_000), axis(300, 100), axis(20_000, 50_000)],
         lamp_warm_up_s: 10,
         lamp_least_reading: 300,
+        lease_ms: 0,
+        lamp_lease_ms: 0,
+        lamp_safe_level: 0,
         camera_wait_ms: 50,
         coordinated: true,
     }

@@ -8,8 +8,8 @@ use std::collections::VecDeque;
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
 use lobelia_protocol::{
-    Answer, Command, Configuration, Event, Exposure, FaultReport, Hello, HomingReport, Outcome, Refusal,
-    Request, Status, ToController, ToHost, Verdict,
+    Answer, Command, Configuration, CrashRecord, Event, Exposure, FaultReport, Hello, HomingReport, Outcome,
+    Refusal, Request, Status, ToController, ToHost, Verdict,
 };
 
 use crate::error::{Error, Result};
@@ -20,8 +20,12 @@ use crate::rig::wire::Wire;
 
 /// After this long without an answer a request is sent again.
 const PATIENCE: Duration = Duration::from_millis(300);
+/// While it waits, the client asks something this often: well within the controller's lease.
+const KEEP_ALIVE: Duration = Duration::from_millis(500);
+/// A fault's report follows the refusal within this time.
+const REPORT_PATIENCE: Duration = Duration::from_millis(100);
 /// After this many repetitions without a word from the controller the link counts as dead.
-const REPETITIONS: u32 = 20;
+const REPETITIONS: u32 = 40;
 /// Events kept until someone asks for them.
 const EVENTS: usize = 256;
 
@@ -31,6 +35,7 @@ pub struct RigClient {
     session: u32,
     last_id: u32,
     faults: Vec<FaultReport>,
+    crash: Option<CrashRecord>,
     events: VecDeque<Event>,
     recorder: Option<Recorder>,
     interrupted: Option<Box<dyn Fn() -> bool + Send>>,
@@ -54,6 +59,7 @@ impl RigClient {
             session: hello.session,
             last_id: 0,
             faults: Vec::new(),
+            crash: None,
             events: VecDeque::new(),
             recorder: None,
             interrupted: None,
@@ -87,6 +93,11 @@ impl RigClient {
     /// Sets the rig's parameters. Positions stay known if the controller had the same ones already.
     pub fn configure(&mut self, configuration: &Configuration) -> Result<()> {
         self.call(Command::Configure(*configuration)).map(|_| ())
+    }
+
+    /// Has the controller keep the parameters set, to be there after the next power-up.
+    pub fn save_parameters(&mut self) -> Result<()> {
+        self.call(Command::SaveParameters).map(|_| ())
     }
 
     /// Homes all axes; gives their positions in steps.
@@ -180,18 +191,28 @@ impl RigClient {
     }
 
     /// Lets time pass on the rig, real or virtual. A fault reported meanwhile is an error.
+    ///
+    /// Asks for the status now and then, so that the controller knows that the host is still there.
     pub fn pause(&mut self, time: Duration) -> Result<()> {
-        self.note_pause(time)?;
-        while let Some(packet) = self.receive(time)? {
-            if let ToHost::Event(Event::Fault(report)) = packet {
-                return Err(Error::failure(explain::fault_report(&report)));
+        let mut left = time;
+        while !left.is_zero() {
+            let part = left.min(KEEP_ALIVE);
+            left -= part;
+            self.note_pause(part)?;
+            while let Some(packet) = self.receive(part)? {
+                if let ToHost::Event(Event::Fault(report)) = packet {
+                    return Err(Error::failure(explain::fault_report(&report)));
+                }
+            }
+            if !left.is_zero() {
+                self.status()?;
             }
         }
         Ok(())
     }
 
-    /// Lets time pass as [`Self::pause`] does, until it is over or the controller has told something; gives the oldest
-    /// event not yet given.
+    /// Lets time pass, less than the controller's lease, until it is over or the controller has told something; gives the
+    /// oldest event not yet given.
     pub fn listen(&mut self, time: Duration) -> Result<Option<Event>> {
         if self.events.is_empty() {
             self.note_pause(time)?;
@@ -207,6 +228,11 @@ impl RigClient {
     /// Faults reported since they were last cleared, oldest first.
     pub fn faults(&self) -> &[FaultReport] {
         &self.faults
+    }
+
+    /// What the controller reported of a crash before it was started last.
+    pub fn crash(&self) -> Option<CrashRecord> {
+        self.crash
     }
 
     fn is_interrupted(&self) -> bool {
@@ -253,7 +279,13 @@ impl RigClient {
     }
 
     /// The sentence for a refusal; the report of a fault, which names the axis, goes in front.
-    fn refused(&self, refusal: Refusal) -> Error {
+    fn refused(&mut self, refusal: Refusal) -> Error {
+        // Reports come after answers.
+        while self.faults.is_empty() && matches!(refusal, Refusal::Faulted(_)) {
+            if !matches!(self.receive(REPORT_PATIENCE), Ok(Some(_))) {
+                break;
+            }
+        }
         let error = explain::refusal(refusal);
         match (refusal, self.faults.last()) {
             (Refusal::Faulted(_), Some(report)) if report.axis.is_some() => {
@@ -267,8 +299,10 @@ impl RigClient {
     fn receive(&mut self, timeout: Duration) -> Result<Option<ToHost>> {
         let packet = self.wire.receive(timeout)?;
         if let Some(ToHost::Event(event)) = packet {
-            let Event::Fault(report) = event;
-            self.faults.push(report);
+            match event {
+                Event::Fault(report) => self.faults.push(report),
+                Event::Crashed(record) => self.crash = Some(record),
+            }
             if self.events.len() < EVENTS {
                 self.events.push_back(event);
             }

@@ -157,12 +157,19 @@ impl Axis {
 pub struct Motion {
     /// Whether all axes arrive at once, each slowed down to the slowest one's time; or else each as soon as it can.
     pub coordinated: bool,
+    /// The controller stops smoothly when it hears nothing for this long while it is moving; 0 for never.
+    pub lease_s: f64,
 }
 
 impl Default for Motion {
     fn default() -> Self {
-        Self { coordinated: true }
+        Self { coordinated: true, lease_s: 2.0 }
     }
+}
+
+/// A time in s as the controller counts it.
+fn milliseconds(seconds: f64) -> u32 {
+    (seconds * 1e3).round().clamp(0.0, 1e9) as u32
 }
 
 /// Positions on the bench.
@@ -255,6 +262,11 @@ pub struct Lamp {
     pub reference_reading: f64,
     /// Time after switching on before it may be used.
     pub warm_up_s: f64,
+    /// The controller puts the lamp to its safe level when it hears nothing for this long; 0 for never. Longer than a camera
+    /// takes to hand over a photograph, during which nothing is asked of the controller.
+    pub lease_s: f64,
+    /// The lamp's level then, 0 to 1; at 0 it is switched off.
+    pub safe_level: f64,
 }
 
 impl Default for Lamp {
@@ -264,6 +276,8 @@ impl Default for Lamp {
             radiance: [1000.0, 1000.0, 1000.0],
             reference_reading: 3000.0,
             warm_up_s: 900.0,
+            lease_s: 60.0,
+            safe_level: 0.0,
         }
     }
 }
@@ -434,6 +448,9 @@ impl RigConfig {
             lamp_warm_up_s,
             // A tenth of what the lamp should give.
             lamp_least_reading: (self.lamp.reference_reading / 10.0) as u16,
+            lease_ms: milliseconds(self.motion.lease_s),
+            lamp_lease_ms: milliseconds(self.lamp.lease_s),
+            lamp_safe_level: (self.lamp.safe_level.clamp(0.0, 1.0) * 65535.0).round() as u16,
             camera_wait_ms: 2000,
             coordinated: self.motion.coordinated,
         })

@@ -47,6 +47,12 @@ pub(crate) fn refusal(refusal: Refusal) -> Error {
         Refusal::ShutterLate { late_us } => Error::failure(format!(
             "the shutter closed {late_us} µs late, so the exposure is not what was asked for; repeat it"
         )),
+        Refusal::OutOfWindow => {
+            Error::failure("too many requests are under way at the rig's controller; start again")
+        }
+        Refusal::NoStorage => {
+            Error::failure("the rig's controller has no memory for parameters, or it can't be written")
+        }
         Refusal::Stopped => Error::failure("the rig was stopped before it had finished"),
     }
 }
@@ -85,6 +91,10 @@ fn fault(fault: Fault, axis: Option<Axis>) -> String {
         }
         Fault::LampFailure => {
             "the lamp is switched on, but its photodiode is dark: check the lamp, its supply and the photodiode".to_owned()
+        }
+        Fault::LeaseExpired => {
+            "the controller heard nothing from the host for too long, so it stopped and dimmed the lamp; positions are kept"
+                .to_owned()
         }
         Fault::Hardware => "the controller could not drive or read a pin: check its wiring".to_owned(),
     }

@@ -1,6 +1,6 @@
 //! The event log: what a controller tells unasked, and what changed between two statuses, each with the controller's time.
 
-use lobelia_protocol::{Axis, Event, Status};
+use lobelia_protocol::{Axis, CrashRecord, Event, Status};
 
 use crate::rig::config::RigConfig;
 use crate::rig::explain;
@@ -11,9 +11,15 @@ pub fn line(time_us: u64, what: &str) -> String {
     format!("{:>14.6} s  {what}", time_us as f64 / 1e6)
 }
 
-/// The line of an event.
-pub fn event(event: &Event) -> String {
-    let Event::Fault(report) = event;
+/// The line of an event that came when the controller's clock was about `now_us`.
+pub fn event(event: &Event, now_us: u64) -> String {
+    let report = match event {
+        Event::Fault(report) => report,
+        Event::Crashed(CrashRecord { cause, place }) => {
+            let what = format!("the controller had crashed before it was started: {cause:?} at {place:#x}");
+            return line(now_us, &what);
+        }
+    };
     let of = report.axis.map_or(String::new(), |axis| format!(" ({})", axis.name()));
     let what = format!("fault: {}{of}: {}", fault_name(report.fault), explain::fault_report(report));
     line(report.at_us, &what)
@@ -103,7 +109,7 @@ mod tests {
     #[test]
     fn a_fault_is_one_line_with_its_own_time_and_axis() {
         let report = FaultReport { fault: Fault::LimitHit, axis: Some(Axis::Tilt), at_us: 12_345_678 };
-        let told = event(&Event::Fault(report));
+        let told = event(&Event::Fault(report), 0);
         assert!(told.starts_with("     12.345678 s  fault: limit hit (tilt): the tilt axis"), "{told}");
         assert_eq!(told.lines().count(), 1);
     }

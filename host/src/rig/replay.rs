@@ -50,9 +50,7 @@ pub fn run(
     for (line, entry) in trace {
         match entry {
             Entry::Trace(_) => {}
-            Entry::PauseUs(us) => {
-                client.listen(Duration::from_micros(*us))?;
-            }
+            Entry::PauseUs(us) => while client.listen(Duration::from_micros(*us))?.is_some() {},
             Entry::Exchange(exchange) => {
                 replay.requests += 1;
                 let now = client.ask(exchange.command)?;

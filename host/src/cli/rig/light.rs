@@ -1,11 +1,17 @@
 //! `lobelia rig lamp` and `expose`.
 
+use std::time::Duration;
+
 use clap::{Args, ValueEnum};
 
 use super::{Session, drive};
+use crate::acquire::station;
 use crate::cli::Context;
 use crate::error::{Error, Result};
 use crate::progress;
+
+/// A held lamp's controller is spoken to this often.
+const HOLD: Duration = Duration::from_secs(1);
 
 /// Arguments of `lobelia rig lamp`.
 #[derive(Debug, Args)]
@@ -20,6 +26,9 @@ pub(super) struct LampArgs {
     /// Doesn't wait until the lamp is warm
     #[arg(long)]
     no_wait: bool,
+    /// Keeps the lamp burning until Ctrl-C, then switches it off
+    #[arg(long)]
+    hold: bool,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
@@ -48,7 +57,7 @@ pub(super) fn lamp(args: &LampArgs, context: &mut Context) -> Result<()> {
     if !(0.0..=1.0).contains(&args.level) {
         return Err(Error::input(format!("--level {} is not between 0 and 1", args.level)));
     }
-    let (_, mut client) = args.session.configure(context)?;
+    let (config, mut client) = args.session.configure(context)?;
     if args.state == Switch::Off {
         client.lamp(false, 0.0)?;
         println!("the lamp is off");
@@ -71,6 +80,19 @@ pub(super) fn lamp(args: &LampArgs, context: &mut Context) -> Result<()> {
     match lamp.warm {
         true => println!("the lamp is on and warm"),
         false => println!("the lamp is on, warm in {} s", lamp.remaining_s),
+    }
+    if args.hold {
+        context.note("Ctrl-C switches it off");
+        while !station::interrupted() {
+            client.pause(HOLD)?;
+            args.session.connection.keep_pace(HOLD);
+        }
+        client.lamp(false, 0.0)?;
+    } else if config.lamp.lease_s > 0.0 {
+        context.note(format!(
+            "the controller dims it when it hears nothing for {} s (lamp.lease_s); --hold keeps it burning",
+            config.lamp.lease_s
+        ));
     }
     Ok(())
 }

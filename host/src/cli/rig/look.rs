@@ -49,6 +49,9 @@ pub(super) struct ParamsArgs {
     /// The rig, see `lobelia template rig`; the simulated one when not given
     #[arg(long, value_name = "RIG.toml")]
     rig: Option<PathBuf>,
+    /// Sends them, and has the controller keep them over a power cut
+    #[arg(long, requires = "port")]
+    save: bool,
 }
 
 /// When watching ends, by the controller's clock.
@@ -57,13 +60,6 @@ fn end_us(client: &mut RigClient, for_s: Option<f64>) -> Result<u64> {
     let time = Duration::try_from_secs_f64(seconds)
         .map_err(|error| Error::input(format!("--for-s {seconds}: {error}")))?;
     Ok(client.status()?.uptime_us.saturating_add(time.as_micros() as u64))
-}
-
-/// A simulated rig's time takes none; when watched without an end it is slowed down to real time.
-fn keep_pace(connection: &Connection, for_s: Option<f64>, time: Duration) {
-    if connection.is_simulated() && for_s.is_none() {
-        std::thread::sleep(time);
-    }
 }
 
 /// Runs `lobelia rig status`.
@@ -89,7 +85,9 @@ pub(super) fn status(args: &StatusArgs, context: &mut Context) -> Result<()> {
             return Ok(());
         }
         client.listen(Duration::from_secs(1))?;
-        keep_pace(&args.session.connection, args.for_s, Duration::from_secs(1));
+        if args.for_s.is_none() {
+            args.session.connection.keep_pace(Duration::from_secs(1));
+        }
         if !live {
             println!();
         }
@@ -105,10 +103,12 @@ pub(super) fn monitor(args: &MonitorArgs, context: &mut Context) -> Result<()> {
     println!("{}", monitor::line(before.uptime_us, "connected"));
     while before.uptime_us < end_us && !station::interrupted() {
         while let Some(event) = client.listen(LOOK)? {
-            println!("{}", monitor::event(&event));
+            println!("{}", monitor::event(&event, before.uptime_us));
             events += 1;
         }
-        keep_pace(&args.session.connection, args.for_s, LOOK);
+        if args.for_s.is_none() {
+            args.session.connection.keep_pace(LOOK);
+        }
         let now = client.status()?;
         for line in monitor::changes(&before, &now, &config) {
             println!("{line}");
@@ -127,6 +127,12 @@ pub(super) fn params(args: &ParamsArgs, context: &mut Context) -> Result<()> {
     let Some(port) = &args.port else { return Ok(()) };
     let connection = Connection { port: port.clone(), rig: None };
     let mut client = RigClient::connect(connection.open(&config)?)?;
+    if args.save {
+        client.configure(&config.configuration()?)?;
+        client.save_parameters()?;
+        println!("controller: has these parameters now and keeps them");
+        return Ok(());
+    }
     let set = client.status()?.configured;
     context.report.figure("configured", set);
     println!(
@@ -171,9 +177,12 @@ pub(super) fn table(config: &RigConfig) -> Result<String> {
             text += &format!("{:>10}", number(axis));
         }
     }
-    let whole: [(&str, &str, String); 4] = [
+    let whole: [(&str, &str, String); 7] = [
         ("lamp_warm_up", "s", configuration.lamp_warm_up_s.to_string()),
         ("lamp_least_reading", "counts", configuration.lamp_least_reading.to_string()),
+        ("lease", "ms", configuration.lease_ms.to_string()),
+        ("lamp_lease", "ms", configuration.lamp_lease_ms.to_string()),
+        ("lamp_safe_level", "of 65535", configuration.lamp_safe_level.to_string()),
         ("camera_wait", "ms", configuration.camera_wait_ms.to_string()),
         ("coordinated", "", configuration.coordinated.to_string()),
     ];

@@ -102,6 +102,13 @@ impl Connection {
         self.port == "sim"
     }
 
+    /// A simulated rig's time takes none; what goes on until Ctrl-C is slowed down to real time.
+    fn keep_pace(&self, time: Duration) {
+        if self.is_simulated() {
+            std::thread::sleep(time);
+        }
+    }
+
     fn open(&self, config: &RigConfig) -> Result<Box<dyn Port>> {
         if self.is_simulated() { simulated(config) } else { open_port(&self.port) }
     }

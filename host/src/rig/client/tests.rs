@@ -119,6 +119,28 @@ fn interrupt_stops_the_rig_with_positions_known() {
     assert!(status.positions[3] < 100_000);
 }
 
+#[test]
+fn waiting_and_moving_for_longer_than_the_lease_keep_it() {
+    let config = MechanicsConfig::ideal();
+    let rig = SimulatedRig::new(&config);
+    let mut client = RigClient::connect(Box::new(rig.link())).unwrap();
+    let leased = Configuration { lease_ms: 2000, lamp_lease_ms: 2000, ..config.configuration() };
+    client.configure(&leased).unwrap();
+    client.home().unwrap();
+    client.lamp(true, 1.0).unwrap();
+    client.wait_until_warm(|_| {}).unwrap();
+    assert!(rig.now_us() > 900_000_000);
+    // Eight seconds at 20°/s.
+    client.move_to([0, 0, 0, 8000]).unwrap();
+    client.move_to([0, 0, 0, 108_000]).unwrap();
+    assert!(client.status().unwrap().faults.is_empty());
+    // A host that dies leaves the lamp off.
+    rig.abandon_until_us(rig.now_us() + 3_000_000);
+    let status = client.status().unwrap();
+    assert!(status.faults.contains(Fault::LeaseExpired) && !status.lamp.on);
+    assert_eq!(status.known, [true; 4]);
+}
+
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(24))]
 

@@ -1,10 +1,16 @@
 //! Checks of homing and moves.
 
-use lobelia_protocol::{AXES, Answer, Axis, Command, Outcome, Refusal, Status};
+use std::time::Duration;
+
+use lobelia_protocol::{AXES, Answer, Axis, Command, Fault, Outcome, Refusal, Status};
 
 use super::Script;
 use super::bench::{Bench, LOOK, Result, Trouble, ensure, same};
 
+/// The lease of its check, ms.
+const LEASE_MS: u32 = 2000;
+/// How long an axis takes over its whole travel in that check, s.
+const SLOW_S: u32 = 20;
 /// Clock and ramps may make a move this much shorter than its length at the highest speed, as a part.
 const FASTER: f64 = 0.02;
 
@@ -23,6 +29,7 @@ pub(super) const CHECKS: &[(&str, Script)] = &[
     ("a stop ends a move on its way, with positions known", stop),
     ("a move goes on to another target on its way", retarget),
     ("a new session ends the move of the one before", takeover),
+    ("a host that falls silent ends its move by the lease, with positions known", lease),
     ("an index check finds no lost steps", check_index),
 ];
 
@@ -186,6 +193,35 @@ fn takeover(bench: &mut Bench) -> Result<()> {
     let status = bench.wait("at rest in the new session", |status| !status.busy)?;
     same("known axes", &[true; AXES], &status.known)?;
     ensure(status.positions != bench.part_way(1.0), || "it went on to the target".to_owned())
+}
+
+fn lease(bench: &mut Bench) -> Result<()> {
+    bench.settle()?;
+    let mut slow = bench.configuration;
+    slow.lease_ms = LEASE_MS;
+    for axis in &mut slow.axes {
+        // So slow that the move lasts much longer than the lease.
+        axis.max_speed = axis.max_speed.min(axis.min_steps.abs_diff(axis.max_steps) / SLOW_S).max(1);
+        axis.home_speed = axis.home_speed.min(axis.max_speed);
+        axis.home_slow_speed = axis.home_slow_speed.min(axis.max_speed);
+    }
+    bench.done(Command::Configure(slow))?;
+    bench.done(Command::Home)?;
+    bench.move_to(bench.part_way(0.0))?;
+    let request = bench.begin(Command::MoveTo(bench.part_way(1.0)))?;
+    bench.pause(2 * Duration::from_millis(LEASE_MS.into()))?;
+    let status = bench.status()?;
+    ensure(status.faults.contains(Fault::LeaseExpired), || {
+        format!("after twice the lease of {LEASE_MS} ms in silence it tells the faults {:?}", status.faults)
+    })?;
+    same("known axes", &[true; AXES], &status.known)?;
+    let status = bench.wait("at rest after the lease", |status| !status.busy)?;
+    ensure(status.positions != bench.part_way(1.0), || "it went on to the target".to_owned())?;
+    let outcome = bench.outcome(&request)?;
+    let fault = [Fault::LeaseExpired].into_iter().collect();
+    same("the move's outcome", &Outcome::Refused(Refusal::Faulted(fault)), &outcome)?;
+    bench.refused(Command::MoveTo(bench.part_way(0.5)), Refusal::Faulted(fault))?;
+    bench.settle().map(|_| ())
 }
 
 fn check_index(bench: &mut Bench) -> Result<()> {

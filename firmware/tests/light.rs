@@ -1,0 +1,106 @@
+//! Exposures, the lamp, heat and the camera.
+#![allow(clippy::unwrap_used)]
+
+mod bench;
+
+use bench::{Rig, refusal};
+use lobelia_protocol::{Answer, Command, Fault, Outcome, Refusal};
+
+#[test]
+fn exposure_opens_for_its_time_once_the_lamp_is_warm() {
+    let mut rig = Rig::homed();
+    rig.ask(Command::Lamp { on: true, level: 65535 });
+    let expose = Command::Expose { duration_us: 488, warm_lamp: true };
+    assert_eq!(refusal(rig.ask(expose)), Refusal::LampNotWarm { remaining_s: Some(10) });
+    rig.bench.borrow_mut().now_us += 10_000_000;
+    rig.bench.borrow_mut().shutter.clear();
+    let Outcome::Done(Answer::Exposed(exposure)) = rig.ask(expose) else { panic!("no exposure") };
+    assert_eq!((exposure.open_us, exposure.reference_q8, exposure.readings), (488, 1234 * 256, 16));
+    let start = exposure.start_us;
+    assert_eq!(rig.bench.borrow().shutter, [(start, true), (start + 488, false)]);
+}
+
+/// A rig whose lamp is warm.
+fn lit() -> Rig {
+    let mut rig = Rig::homed();
+    rig.ask(Command::Lamp { on: true, level: 65535 });
+    rig.bench.borrow_mut().now_us += 10_000_000;
+    rig
+}
+
+const EXPOSE: Command = Command::Expose { duration_us: 32_000, warm_lamp: true };
+
+#[test]
+fn flicker_is_the_deviation_of_the_readings_over_their_mean() {
+    let mut rig = lit();
+    for (readings, mean, ppm) in [(vec![1000u16, 1200, 800, 1000], 1000, 141_421), (vec![65535], 65535, 0)] {
+        rig.bench.borrow_mut().readings = readings.into();
+        let Outcome::Done(Answer::Exposed(exposure)) = rig.ask(EXPOSE) else { panic!("no exposure") };
+        assert_eq!((exposure.reference_q8, exposure.readings, exposure.flicker_ppm), (mean * 256, 32, ppm));
+    }
+}
+
+#[test]
+fn lamp_that_stays_dark_is_a_fault_unless_the_frame_is_meant_to_be() {
+    let mut rig = lit();
+    rig.bench.borrow_mut().readings = [299].into();
+    assert!(matches!(rig.ask(Command::Expose { duration_us: 500, warm_lamp: false }), Outcome::Done(_)));
+    assert!(
+        matches!(refusal(rig.ask(EXPOSE)), Refusal::Faulted(faults) if faults.contains(Fault::LampFailure))
+    );
+    assert!(!rig.bench.borrow().shutter.last().unwrap().1);
+}
+
+#[test]
+fn over_temperature_puts_the_lamp_out_and_stops_everything() {
+    let mut rig = lit();
+    let id = rig.begin(EXPOSE);
+    rig.bench.borrow_mut().hot = true;
+    assert!(
+        matches!(refusal(rig.outcome(id)), Refusal::Faulted(faults) if faults.contains(Fault::OverTemperature))
+    );
+    assert_eq!((rig.bench.borrow().lamp, rig.bench.borrow().enabled), (false, [false; 4]));
+    // Cleared while it is still hot, it comes again.
+    rig.ask(Command::ClearFaults);
+    rig.poll();
+    assert!(matches!(refusal(rig.ask(Command::Home)), Refusal::Faulted(_)));
+    rig.bench.borrow_mut().hot = false;
+    rig.ask(Command::ClearFaults);
+    assert!(matches!(rig.ask(Command::Home), Outcome::Done(_)));
+}
+
+#[test]
+fn exposure_waits_for_the_camera_but_not_for_ever() {
+    let mut rig = lit();
+    let now = rig.bench.borrow().now_us;
+    rig.bench.borrow_mut().camera_ready_us = now + 30_000;
+    let Outcome::Done(Answer::Exposed(exposure)) = rig.ask(EXPOSE) else { panic!("no exposure") };
+    assert!((30_000..=31_000).contains(&(exposure.start_us - now)));
+    rig.bench.borrow_mut().camera_ready_us = u64::MAX;
+    let before = rig.bench.borrow().shutter.len();
+    assert_eq!(refusal(rig.ask(EXPOSE)), Refusal::CameraNotReady);
+    assert_eq!(rig.bench.borrow().shutter.len(), before);
+}
+
+#[test]
+fn exposure_is_within_ten_microseconds_of_its_time_or_refused() {
+    for late_us in [0, 10, 11, 5000] {
+        let mut rig = lit();
+        let id = rig.begin(EXPOSE);
+        let open_us = rig.bench.borrow().now_us;
+        while rig.next_event_us() < open_us + 32_000 {
+            rig.pass_event();
+        }
+        rig.bench.borrow_mut().now_us = open_us + 32_000 + late_us;
+        match rig.outcome(id) {
+            Outcome::Done(Answer::Exposed(exposure)) => {
+                assert!(late_us <= 10);
+                assert_eq!(u64::from(exposure.open_us), 32_000 + late_us);
+            }
+            outcome => {
+                assert!(late_us > 10);
+                assert_eq!(refusal(outcome), Refusal::ShutterLate { late_us: late_us as u32 });
+            }
+        }
+    }
+}

@@ -1,0 +1,122 @@
+//! Parameters survive a power cut at any byte.
+#![allow(clippy::unwrap_used)]
+
+mod bench;
+
+use std::sync::{Arc, Mutex};
+
+use bench::{Rig, SESSION, configuration};
+use lobelia_firmware::storage::{SLOT_BYTES, Storage, load, save};
+use lobelia_protocol::{Command, Configuration, Hello, Outcome, Refusal, ToController};
+
+/// Flash that loses its power after so many bytes erased or written.
+struct Flash {
+    slots: [[u8; SLOT_BYTES]; 2],
+    bytes_left: usize,
+}
+
+impl Flash {
+    fn new() -> Self {
+        Self { slots: [[0xff; SLOT_BYTES]; 2], bytes_left: usize::MAX }
+    }
+
+    fn change(&mut self, slot: usize, bytes: impl Iterator<Item = u8>) -> bool {
+        for (place, byte) in self.slots[slot].iter_mut().zip(bytes) {
+            if self.bytes_left == 0 {
+                return false;
+            }
+            self.bytes_left -= 1;
+            *place = byte;
+        }
+        true
+    }
+}
+
+impl Storage for Flash {
+    fn read(&mut self, slot: usize, into: &mut [u8]) -> bool {
+        into.copy_from_slice(&self.slots[slot][..into.len()]);
+        true
+    }
+    fn erase(&mut self, slot: usize) -> bool {
+        self.change(slot, std::iter::repeat_n(0xff, SLOT_BYTES))
+    }
+    fn write(&mut self, slot: usize, bytes: &[u8]) -> bool {
+        self.change(slot, bytes.iter().copied())
+    }
+}
+
+/// The same flash, before and after a power cut.
+struct Shared(Arc<Mutex<Flash>>);
+
+impl Storage for Shared {
+    fn read(&mut self, slot: usize, into: &mut [u8]) -> bool {
+        self.0.lock().unwrap().read(slot, into)
+    }
+    fn erase(&mut self, slot: usize) -> bool {
+        self.0.lock().unwrap().erase(slot)
+    }
+    fn write(&mut self, slot: usize, bytes: &[u8]) -> bool {
+        self.0.lock().unwrap().write(slot, bytes)
+    }
+}
+
+fn with_warm_up(lamp_warm_up_s: u16) -> Configuration {
+    Configuration { lamp_warm_up_s, ..configuration() }
+}
+
+#[test]
+fn power_cut_at_any_byte_of_a_save_leaves_the_old_or_the_new() {
+    let mut flash = Flash::new();
+    assert_eq!(load(&mut flash), None);
+    for save_number in 1..4 {
+        let (old, new) = (with_warm_up(save_number), with_warm_up(save_number + 1));
+        assert!(save(&mut flash, &old));
+        let mut outcomes = [0; 2];
+        for cut in 0..=2 * SLOT_BYTES {
+            let mut copy = Flash { slots: flash.slots, bytes_left: cut };
+            let saved = save(&mut copy, &new);
+            copy.bytes_left = usize::MAX;
+            let found = load(&mut copy).unwrap();
+            assert!(found == old || found == new, "cut at byte {cut}");
+            assert!(!saved || found == new);
+            outcomes[usize::from(found == new)] += 1;
+            // And it can be saved again afterwards.
+            assert!(save(&mut copy, &with_warm_up(99)));
+            assert_eq!(load(&mut copy), Some(with_warm_up(99)));
+        }
+        assert!(outcomes.iter().all(|&count| count > 0));
+    }
+}
+
+#[test]
+fn any_byte_that_rots_in_the_newer_slot_gives_the_older_parameters() {
+    let mut flash = Flash::new();
+    assert!(save(&mut flash, &with_warm_up(1)) && save(&mut flash, &with_warm_up(2)));
+    let mut found_old = 0;
+    for byte in 0..SLOT_BYTES {
+        let mut copy = Flash { slots: flash.slots, bytes_left: usize::MAX };
+        copy.slots[1][byte] ^= 0x10;
+        match load(&mut copy).unwrap().lamp_warm_up_s {
+            1 => found_old += 1,
+            // Behind the record.
+            other => assert!(other == 2 && byte > 100),
+        }
+    }
+    assert!(found_old > 100);
+}
+
+#[test]
+fn controller_wakes_up_with_what_was_saved() {
+    let flash = Arc::new(Mutex::new(Flash::new()));
+    let mut rig = Rig::with_storage(Box::leak(Box::new(Shared(Arc::clone(&flash)))));
+    rig.send(&ToController::Hello(Hello::new(SESSION)));
+    assert_eq!(rig.ask(Command::SaveParameters), Outcome::Refused(Refusal::NotConfigured));
+    rig.ask(Command::Configure(with_warm_up(7)));
+    assert!(matches!(rig.ask(Command::SaveParameters), Outcome::Done(_)));
+    drop(rig);
+    let mut again = Rig::with_storage(Box::leak(Box::new(Shared(Arc::clone(&flash)))));
+    again.send(&ToController::Hello(Hello::new(SESSION)));
+    assert!(matches!(again.ask(Command::Home), Outcome::Done(_)));
+    let mut without = Rig::greeted(configuration());
+    assert_eq!(without.ask(Command::SaveParameters), Outcome::Refused(Refusal::NoStorage));
+}
