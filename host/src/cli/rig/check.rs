@@ -81,7 +81,7 @@ pub(super) fn replay(args: &ReplayArgs, context: &mut Context) -> Result<()> {
     context.report.figure("differences", count);
     if count > 0 {
         return Err(Error::failure(format!(
-            "{count} answers differ from those recorded in {}",
+            "answers differ from those recorded in {}: {count}",
             args.trace.display()
         )));
     }

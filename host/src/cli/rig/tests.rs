@@ -112,7 +112,7 @@ fn an_altered_answer_is_found_with_its_line() {
     std::fs::write(&trace, text.replace(moved, &altered)).unwrap();
     let error = rig(&format!("replay {} --port sim", trace.display())).unwrap_err();
     assert_eq!(error.exit_code(), 1);
-    assert!(error.to_string().contains("1 answers differ"), "{error}");
+    assert!(error.to_string().ends_with(": 1"), "{error}");
 }
 
 #[test]

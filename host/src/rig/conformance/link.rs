@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use lobelia_protocol::{Command, Outcome, Refusal, Request, ToController};
+use lobelia_protocol::{Command, FrameDecoder, Outcome, Refusal, Request, ToController};
 
 use super::Script;
 use super::bench::{Bench, Result, ensure, same};
@@ -117,15 +117,31 @@ fn cut(bench: &mut Bench) -> Result<()> {
 }
 
 fn malformed(bench: &mut Bench) -> Result<()> {
-    let (request, _) = forbidden(bench)?;
-    let id = u8::try_from(request.id & 0x7f).unwrap_or(1);
-    let payloads: [&[u8]; 4] = [&[1, 1, id, 6, 0], &[1, 1, id, 0x7f], &[9, 9, 9], &[1]];
-    for payload in payloads {
+    let (request, frame) = forbidden(bench)?;
+    let longer = [payload(&frame), vec![0]].concat();
+    let status = ToController::Request(Request { command: Command::Status, ..request }).encode();
+    let mut unknown = status.map(|frame| payload(&frame)).unwrap_or_default();
+    if let Some(command) = unknown.last_mut() {
+        *command = 0x7f;
+    }
+    for payload in [&longer, &unknown, &vec![9, 9, 9], &vec![1]] {
         if let Some(frame) = lobelia_protocol::frame::encode(payload) {
             bench.send_bytes(&frame)?;
         }
     }
     unmoved(bench, &request)
+}
+
+/// What a frame carries.
+fn payload(frame: &[u8]) -> Vec<u8> {
+    let mut decoder = FrameDecoder::new();
+    let mut payload = Vec::new();
+    for byte in frame {
+        if let Some(Ok(carried)) = decoder.push(*byte) {
+            payload = carried.to_vec();
+        }
+    }
+    payload
 }
 
 fn rubbish(bench: &mut Bench) -> Result<()> {
