@@ -40,6 +40,11 @@ pub fn catch_interrupts() {
     let _ = ctrlc::set_handler(|| INTERRUPTED.store(true, Ordering::Relaxed));
 }
 
+/// Whether Ctrl-C was pressed since it is caught.
+pub fn interrupted() -> bool {
+    INTERRUPTED.load(Ordering::Relaxed)
+}
+
 /// The controller and the camera.
 pub struct Station {
     /// The controller.
@@ -51,13 +56,13 @@ pub struct Station {
 impl Station {
     /// Connects both; Ctrl-C (if caught) stops the rig.
     pub fn new(mut client: RigClient, camera: Camera) -> Self {
-        client.set_interrupt(|| INTERRUPTED.load(Ordering::Relaxed));
+        client.set_interrupt(interrupted);
         Self { client, camera }
     }
 
     /// Fails once the user has asked to stop.
     pub(super) fn check_interrupt(&self) -> Result<()> {
-        if INTERRUPTED.load(Ordering::Relaxed) {
+        if interrupted() {
             return Err(Error::failure("interrupted; the run can be continued with --resume"));
         }
         Ok(())

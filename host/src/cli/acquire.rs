@@ -14,6 +14,7 @@ use crate::error::{Error, Result};
 use crate::files;
 use crate::plan::Plan;
 use crate::rig::config::RigConfig;
+use crate::rig::trace::Recorder;
 use crate::rig::{RigClient, open_port};
 use crate::toml_file;
 
@@ -44,6 +45,9 @@ pub(super) struct AcquireArgs {
     /// Seconds to wait for a photograph in the watched folder
     #[arg(long, default_value_t = 60.0, value_name = "S")]
     camera_timeout_s: f64,
+    /// Writes every request to the rig and its answer as JSON lines, for `lobelia rig replay`
+    #[arg(long, value_name = "TRACE")]
+    record: Option<PathBuf>,
 }
 
 /// Runs `lobelia acquire`.
@@ -66,6 +70,9 @@ pub(super) fn run(args: &AcquireArgs, context: &mut Context) -> Result<()> {
         let (run, journal) = RunFolder::create(&args.output, &plan, &rig)?;
         (run, journal, station)
     };
+    if let Some(path) = &args.record {
+        station.client.record(Recorder::create(path)?);
+    }
     station::catch_interrupts();
     let acquired = context.report.stage("acquire", || acquire::run(&run, &mut journal, &mut station))?;
     context.report.figure("poses", acquired.poses);

@@ -16,6 +16,7 @@ mod develop;
 mod fit;
 mod plan;
 mod render;
+mod rig;
 mod template;
 
 /// Measures how flat materials reflect light at every texel, fits that with a few lobes, and renders it.
@@ -58,6 +59,8 @@ enum Command {
     Plan(plan::PlanArgs),
     /// Drives a rig and its camera through a plan
     Acquire(acquire::AcquireArgs),
+    /// Looks at a rig and drives it by hand, checks a controller, replays a session
+    Rig(rig::RigArgs),
     /// Turns a run's photographs into reflectance at every texel
     Develop(develop::DevelopArgs),
     /// Fits lobes to a sampled SBRDF or to a measured table
@@ -148,6 +151,7 @@ fn run(cli: Cli) -> Result<()> {
         Command::Demo(args) => demo::run(&args, &mut context),
         Command::Plan(args) => plan::run(&args, &mut context),
         Command::Acquire(args) => acquire::run(&args, &mut context),
+        Command::Rig(args) => rig::run(&args, &mut context),
         Command::Develop(args) => develop::run(&args, &mut context),
         Command::Fit(args) => fit::run(&args, &mut context),
         Command::Render(args) => render::run(&args, &mut context),

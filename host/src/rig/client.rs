@@ -5,17 +5,18 @@
 //! counts reads that timed out, so it works alike on real and virtual time. It speaks in motor steps.
 
 use std::collections::VecDeque;
-use std::io::ErrorKind;
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
 use lobelia_protocol::{
-    Answer, Command, Configuration, CrashRecord, Event, Exposure, FaultReport, FrameDecoder, Hello,
-    HomingReport, Outcome, Refusal, Request, Status, ToController, ToHost, Verdict,
+    Answer, Command, Configuration, CrashRecord, Event, Exposure, FaultReport, Hello, HomingReport, Outcome,
+    Refusal, Request, Status, ToController, ToHost, Verdict,
 };
 
 use crate::error::{Error, Result};
 use crate::rig::explain;
 use crate::rig::port::Port;
+use crate::rig::trace::Recorder;
+use crate::rig::wire::Wire;
 
 /// After this long without an answer a request is sent again.
 const PATIENCE: Duration = Duration::from_millis(300);
@@ -25,19 +26,18 @@ const KEEP_ALIVE: Duration = Duration::from_millis(500);
 const REPORT_PATIENCE: Duration = Duration::from_millis(100);
 /// After this many repetitions without a word from the controller the link counts as dead.
 const REPETITIONS: u32 = 40;
-/// After this many bytes without one packet among them the port counts as someone else's.
-const MOST_RUBBISH: usize = 1 << 18;
+/// Events kept until someone asks for them.
+const EVENTS: usize = 256;
 
 /// A session with a rig's controller.
 pub struct RigClient {
-    port: Box<dyn Port>,
-    decoder: FrameDecoder,
-    inbox: VecDeque<u8>,
-    rubbish: usize,
+    wire: Wire,
     session: u32,
     last_id: u32,
     faults: Vec<FaultReport>,
     crash: Option<CrashRecord>,
+    events: VecDeque<Event>,
+    recorder: Option<Recorder>,
     interrupted: Option<Box<dyn Fn() -> bool + Send>>,
 }
 
@@ -55,18 +55,17 @@ impl RigClient {
 
     fn connect_with(port: Box<dyn Port>, hello: Hello) -> Result<Self> {
         let mut client = Self {
-            port,
-            decoder: FrameDecoder::new(),
-            inbox: VecDeque::new(),
-            rubbish: 0,
+            wire: Wire::new(port),
             session: hello.session,
             last_id: 0,
             faults: Vec::new(),
             crash: None,
+            events: VecDeque::new(),
+            recorder: None,
             interrupted: None,
         };
         for _ in 0..REPETITIONS {
-            client.send(&ToController::Hello(hello))?;
+            client.wire.send(&ToController::Hello(hello))?;
             while let Some(packet) = client.receive(PATIENCE)? {
                 let ToHost::Hello(reply) = packet else { continue };
                 if reply.hello.session != hello.session {
@@ -86,9 +85,19 @@ impl RigClient {
         self.interrupted = Some(Box::new(interrupted));
     }
 
+    /// From now on writes every request, its outcome and every pause to a trace.
+    pub fn record(&mut self, recorder: Recorder) {
+        self.recorder = Some(recorder);
+    }
+
     /// Sets the rig's parameters. Positions stay known if the controller had the same ones already.
     pub fn configure(&mut self, configuration: &Configuration) -> Result<()> {
         self.call(Command::Configure(*configuration)).map(|_| ())
+    }
+
+    /// Has the controller keep the parameters set, to be there after the next power-up.
+    pub fn save_parameters(&mut self) -> Result<()> {
+        self.call(Command::SaveParameters).map(|_| ())
     }
 
     /// Homes all axes; gives their positions in steps.
@@ -189,6 +198,7 @@ impl RigClient {
         while !left.is_zero() {
             let part = left.min(KEEP_ALIVE);
             left -= part;
+            self.note_pause(part)?;
             while let Some(packet) = self.receive(part)? {
                 if let ToHost::Event(Event::Fault(report)) = packet {
                     return Err(Error::failure(explain::fault_report(&report)));
@@ -199,6 +209,20 @@ impl RigClient {
             }
         }
         Ok(())
+    }
+
+    /// Lets time pass, less than the controller's lease, until it is over or the controller has told something; gives the
+    /// oldest event not yet given.
+    pub fn listen(&mut self, time: Duration) -> Result<Option<Event>> {
+        if self.events.is_empty() {
+            self.note_pause(time)?;
+            while self.receive(time)?.is_some() && self.events.is_empty() {}
+        }
+        Ok(self.events.pop_front())
+    }
+
+    fn note_pause(&mut self, time: Duration) -> Result<()> {
+        self.recorder.as_mut().map_or(Ok(()), |recorder| recorder.pause(time))
     }
 
     /// Faults reported since they were last cleared, oldest first.
@@ -215,26 +239,36 @@ impl RigClient {
         self.interrupted.as_ref().is_some_and(|interrupted| interrupted())
     }
 
-    /// Has a command run once, however often it has to be sent.
+    /// Has a command run once and gives its answer; a refusal is an error.
     fn call(&mut self, command: Command) -> Result<Answer> {
+        match self.ask(command)? {
+            Outcome::Done(answer) => Ok(answer),
+            Outcome::Refused(refusal) => Err(self.refused(refusal)),
+            Outcome::Running => Err(out_of_place()),
+        }
+    }
+
+    /// Has a command run once, however often it has to be sent; gives what came of it, be it a refusal.
+    pub fn ask(&mut self, command: Command) -> Result<Outcome> {
         self.last_id += 1;
         let id = self.last_id;
         let packet = ToController::Request(Request { session: self.session, id, command });
         let mut silence = 0;
         while silence < REPETITIONS {
-            self.send(&packet)?;
+            self.wire.send(&packet)?;
             silence += 1;
             while let Some(received) = self.receive(PATIENCE)? {
                 silence = 0;
                 let ToHost::Response(response) = received else { continue };
-                if (response.session, response.id) != (self.session, id) {
+                if (response.session, response.id) != (self.session, id)
+                    || response.outcome == Outcome::Running
+                {
                     continue;
                 }
-                match response.outcome {
-                    Outcome::Done(answer) => return Ok(answer),
-                    Outcome::Refused(refusal) => return Err(self.refused(refusal)),
-                    Outcome::Running => {}
+                if let Some(recorder) = &mut self.recorder {
+                    recorder.exchange(&command, &response.outcome)?;
                 }
+                return Ok(response.outcome);
             }
             if self.is_interrupted() {
                 self.stop()?;
@@ -261,49 +295,24 @@ impl RigClient {
         }
     }
 
-    fn send(&mut self, packet: &ToController) -> Result<()> {
-        let frame = packet.encode().map_err(|_| out_of_place())?;
-        self.port.write_all(&frame).and_then(|()| self.port.flush()).map_err(|error| lost(&error))
-    }
-
-    /// The next packet, or nothing if none comes in time.
+    /// The next packet, or nothing if none comes in time; events are kept.
     fn receive(&mut self, timeout: Duration) -> Result<Option<ToHost>> {
-        loop {
-            while let Some(byte) = self.inbox.pop_front() {
-                self.rubbish += 1;
-                let Some(Ok(payload)) = self.decoder.push(byte) else { continue };
-                let Ok(packet) = ToHost::decode(payload) else { continue };
-                self.rubbish = 0;
-                if let ToHost::Event(Event::Fault(report)) = &packet {
-                    self.faults.push(*report);
-                }
-                if let ToHost::Event(Event::Crashed(record)) = &packet {
-                    self.crash = Some(*record);
-                }
-                return Ok(Some(packet));
+        let packet = self.wire.receive(timeout)?;
+        if let Some(ToHost::Event(event)) = packet {
+            match event {
+                Event::Fault(report) => self.faults.push(report),
+                Event::Crashed(record) => self.crash = Some(record),
             }
-            if self.rubbish > MOST_RUBBISH {
-                return Err(Error::failure(
-                    "the port sends bytes that no Lobelia controller sends; check that --port names the rig",
-                ));
-            }
-            let mut buffer = [0; 512];
-            self.port.set_read_timeout(timeout).map_err(|error| lost(&error))?;
-            match self.port.read(&mut buffer) {
-                Ok(0) => return Err(lost(&ErrorKind::UnexpectedEof.into())),
-                Ok(count) => self.inbox.extend(&buffer[..count]),
-                Err(error) => match error.kind() {
-                    ErrorKind::TimedOut | ErrorKind::WouldBlock => return Ok(None),
-                    ErrorKind::Interrupted => {}
-                    _ => return Err(lost(&error)),
-                },
+            if self.events.len() < EVENTS {
+                self.events.push_back(event);
             }
         }
+        Ok(packet)
     }
 }
 
 /// Another number for each session; it has no effect but to tell sessions apart.
-fn new_session() -> u32 {
+pub(crate) fn new_session() -> u32 {
     let time = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
     (time.as_secs() as u32).rotate_left(16) ^ time.subsec_nanos() ^ std::process::id().rotate_left(8)
 }
@@ -319,17 +328,11 @@ fn out_of_place() -> Error {
     Error::failure("the rig's controller gave an answer to another question; update its firmware")
 }
 
-fn silent() -> Error {
+pub(crate) fn silent() -> Error {
     Error::failure(
         "the rig's controller does not answer; check its power and cable and that --port names it, \
          then start again (acquire: with --resume)",
     )
-}
-
-fn lost(error: &std::io::Error) -> Error {
-    Error::failure(format!(
-        "the link to the rig's controller was lost ({error}); plug it in, then start again (acquire: with --resume)"
-    ))
 }
 
 fn interrupted() -> Error {

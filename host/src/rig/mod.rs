@@ -2,9 +2,17 @@
 
 pub mod client;
 pub mod config;
+pub mod conformance;
 mod explain;
 pub mod geometry;
+pub mod monitor;
 pub mod port;
+pub mod replay;
+pub mod status;
+#[cfg(all(test, feature = "sim"))]
+mod testing;
+pub mod trace;
+mod wire;
 
 pub use client::RigClient;
 pub use port::{Port, open_port};

@@ -1,0 +1,90 @@
+//! `lobelia rig conformance` and `replay`.
+
+use std::path::PathBuf;
+
+use clap::Args;
+
+use super::{Connection, Session};
+use crate::cli::Context;
+use crate::error::{Error, Result};
+use crate::progress;
+use crate::rig::conformance::{self, Outcome};
+use crate::rig::{replay, trace};
+
+/// Arguments of `lobelia rig conformance`.
+#[derive(Debug, Args)]
+pub(super) struct ConformanceArgs {
+    #[command(flatten)]
+    connection: Connection,
+    /// Leaves out the checks that switch the lamp on
+    #[arg(long)]
+    no_lamp: bool,
+}
+
+/// Arguments of `lobelia rig replay`.
+#[derive(Debug, Args)]
+pub(super) struct ReplayArgs {
+    /// The session, recorded with --record
+    trace: PathBuf,
+    #[command(flatten)]
+    session: Session,
+    /// Compares times and readings too, as between simulated rigs
+    #[arg(long)]
+    exact: bool,
+}
+
+/// Runs `lobelia rig conformance`.
+pub(super) fn conformance(args: &ConformanceArgs, context: &mut Context) -> Result<()> {
+    let config = super::rig_config(args.connection.rig.as_deref(), context)?;
+    let configuration = config.configuration()?;
+    let port = args.connection.open(&config)?;
+    let checks = context.report.stage("conformance", || {
+        conformance::run(port, &configuration, !args.no_lamp, |check| match &check.outcome {
+            Outcome::Pass => println!("pass  {}", check.name),
+            Outcome::Fail(why) => println!("FAIL  {}: {why}", check.name),
+            Outcome::Skipped(why) => println!("skip  {}: {why}", check.name),
+        })
+    })?;
+    let of = |wanted: fn(&Outcome) -> bool| checks.iter().filter(|check| wanted(&check.outcome)).count();
+    let passed = of(|outcome| *outcome == Outcome::Pass);
+    let failed = of(|outcome| matches!(outcome, Outcome::Fail(_)));
+    context.report.figure("passed", passed);
+    context.report.figure("failed", failed);
+    println!("{passed} passed, {failed} failed, {} left out", checks.len() - passed - failed);
+    if failed > 0 {
+        return Err(Error::failure(format!(
+            "the controller on {} fails {failed} of {} checks; see the lines above",
+            args.connection.port,
+            checks.len()
+        )));
+    }
+    Ok(())
+}
+
+/// Runs `lobelia rig replay`.
+pub(super) fn replay(args: &ReplayArgs, context: &mut Context) -> Result<()> {
+    let trace = trace::read(&args.trace)?;
+    context.report.input(&args.trace);
+    if args.session.record.as_deref() == Some(&args.trace) {
+        return Err(Error::input("--record names the trace that is to be replayed; give it another name"));
+    }
+    let (_, mut client) = args.session.connect(context)?;
+    let bar = progress::bar("replay", trace.len() as u64, "lines");
+    let replayed =
+        context.report.stage("replay", || replay::run(&mut client, &trace, args.exact, || bar.advance(1)))?;
+    drop(bar);
+    for difference in &replayed.differences {
+        println!("line {}: {}", difference.line, difference.what);
+    }
+    let count = replayed.differences.len();
+    context.report.figure("requests", replayed.requests);
+    context.report.figure("differences", count);
+    if count > 0 {
+        return Err(Error::failure(format!(
+            "answers differ from those recorded in {}: {count}",
+            args.trace.display()
+        )));
+    }
+    println!("{} requests, no difference", replayed.requests);
+    Ok(())
+}

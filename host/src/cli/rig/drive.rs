@@ -1,0 +1,143 @@
+//! `lobelia rig home`, `move` and `clear`.
+
+use clap::Args;
+use lobelia_protocol::{AXES, Axis};
+
+use super::Session;
+use crate::cli::Context;
+use crate::error::{Error, Result};
+use crate::rig::RigClient;
+use crate::rig::config::{AXIS_NAMES, RigConfig};
+use crate::rig::status::degrees;
+
+/// Arguments of `lobelia rig home`.
+#[derive(Debug, Args)]
+pub(super) struct HomeArgs {
+    #[command(flatten)]
+    session: Session,
+    /// Approaches each switch so often, 1 to 100, and tells how its edge scatters
+    #[arg(long, default_value_t = 1, value_name = "N")]
+    approaches: u8,
+}
+
+/// Arguments of `lobelia rig move`.
+#[derive(Debug, Args)]
+#[group(id = "angles", required = true, multiple = true, args = ["pan_deg", "tilt_deg", "roll_deg", "light_deg"])]
+pub(super) struct MoveArgs {
+    #[command(flatten)]
+    session: Session,
+    /// Where to turn pan, °
+    #[arg(long, allow_negative_numbers = true)]
+    pan_deg: Option<f64>,
+    /// Where to turn tilt, °
+    #[arg(long, allow_negative_numbers = true)]
+    tilt_deg: Option<f64>,
+    /// Where to turn roll, °
+    #[arg(long, allow_negative_numbers = true)]
+    roll_deg: Option<f64>,
+    /// Where to move the light, ° from the camera
+    #[arg(long, allow_negative_numbers = true)]
+    light_deg: Option<f64>,
+    /// Homes first if positions are unknown
+    #[arg(long)]
+    home: bool,
+}
+
+/// Arguments of `lobelia rig clear`.
+#[derive(Debug, Args)]
+pub(super) struct ClearArgs {
+    #[command(flatten)]
+    session: Session,
+}
+
+/// Runs `lobelia rig home`.
+pub(super) fn home(args: &HomeArgs, context: &mut Context) -> Result<()> {
+    let (config, mut client) = args.session.configure(context)?;
+    let report = context.report.stage("home", || client.home_repeatedly(args.approaches))?;
+    print_angles(&config, report.positions);
+    if report.approaches > 1 {
+        for (name, steps) in AXIS_NAMES.iter().zip(report.spread_steps) {
+            println!("{name} switch within {steps} steps over {} approaches", report.approaches);
+            context.report.figure(&format!("{name}_spread_steps"), steps);
+        }
+    }
+    Ok(())
+}
+
+/// Homes the rig when its positions are unknown; without `allowed` the controller's refusal tells the user.
+pub(super) fn home_if_unknown(client: &mut RigClient, allowed: bool, context: &mut Context) -> Result<()> {
+    if allowed && client.status()?.known != [true; AXES] {
+        context.note("homing first");
+        context.report.stage("home", || client.home())?;
+    }
+    Ok(())
+}
+
+/// Runs `lobelia rig move`.
+pub(super) fn move_axes(args: &MoveArgs, context: &mut Context) -> Result<()> {
+    let wanted = [args.pan_deg, args.tilt_deg, args.roll_deg, args.light_deg];
+    let (config, mut client) = {
+        // Angles are looked at before anything is asked of the rig.
+        let config = super::rig_config(args.session.connection.rig.as_deref(), context)?;
+        check_limits(&config, wanted)?;
+        args.session.configure(context)?
+    };
+    home_if_unknown(&mut client, args.home, context)?;
+    let now = client.status()?.positions;
+    let targets = targets(&config, wanted, now)?;
+    let positions = context.report.stage("move", || client.move_to(targets))?;
+    print_angles(&config, positions);
+    for (axis, steps) in Axis::ALL.into_iter().zip(positions) {
+        context.report.figure(&format!("{}_deg", axis.name()), degrees(&config, axis, steps));
+    }
+    Ok(())
+}
+
+/// Refuses angles beyond the limits of the rig's file.
+fn check_limits(config: &RigConfig, wanted: [Option<f64>; AXES]) -> Result<()> {
+    for ((name, axis), angle) in AXIS_NAMES.iter().zip(config.axes.in_order()).zip(wanted) {
+        if let Some(angle) = angle
+            && !(axis.min_deg..=axis.max_deg).contains(&angle)
+        {
+            return Err(Error::input(format!(
+                "--{name}-deg {angle} is beyond the limits of {name}, {}° to {}°",
+                axis.min_deg, axis.max_deg
+            )));
+        }
+    }
+    Ok(())
+}
+
+/// The steps to move to: those of the angles wanted, and else where the axis is, or the limit next to that: after homing axes
+/// stand beyond it, at their switches.
+pub(super) fn targets(
+    config: &RigConfig,
+    wanted: [Option<f64>; AXES],
+    now: [i32; AXES],
+) -> Result<[i32; AXES]> {
+    let limits = config.configuration()?.axes;
+    let asked = config.steps(wanted.map(|angle| angle.unwrap_or(0.0)));
+    Ok(std::array::from_fn(|k| {
+        let steps = if wanted[k].is_some() { asked[k] } else { now[k] };
+        steps.clamp(limits[k].min_steps, limits[k].max_steps)
+    }))
+}
+
+fn print_angles(config: &RigConfig, positions: [i32; AXES]) {
+    for (axis, steps) in Axis::ALL.into_iter().zip(positions) {
+        println!("{:<6}{:>10.3}°", axis.name(), degrees(config, axis, steps));
+    }
+}
+
+/// Runs `lobelia rig clear`.
+pub(super) fn clear(args: &ClearArgs, context: &mut Context) -> Result<()> {
+    let (_, mut client) = args.session.connect(context)?;
+    let faults: Vec<_> = client.status()?.faults.iter().map(crate::rig::status::fault_name).collect();
+    client.clear_faults()?;
+    context.report.figure("cleared", faults.len());
+    match faults.is_empty() {
+        true => println!("there were no faults"),
+        false => println!("cleared: {}", faults.join(", ")),
+    }
+    Ok(())
+}

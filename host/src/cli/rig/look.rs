@@ -1,0 +1,193 @@
+//! `lobelia rig status`, `monitor` and `params`.
+
+use std::io::{IsTerminal, Write};
+use std::path::PathBuf;
+use std::time::Duration;
+
+use clap::Args;
+use lobelia_protocol::{Axis, AxisParameters};
+
+use super::{Connection, Session};
+use crate::acquire::station;
+use crate::cli::Context;
+use crate::error::{Error, Result};
+use crate::rig::config::RigConfig;
+use crate::rig::{RigClient, monitor, status};
+
+/// How often the monitor looks at the status.
+const LOOK: Duration = Duration::from_millis(200);
+
+/// Arguments of `lobelia rig status`.
+#[derive(Debug, Args)]
+pub(super) struct StatusArgs {
+    #[command(flatten)]
+    session: Session,
+    /// Goes on telling, every second, until Ctrl-C
+    #[arg(long)]
+    watch: bool,
+    /// Ends watching after so many seconds of the controller's time
+    #[arg(long, value_name = "S", requires = "watch")]
+    for_s: Option<f64>,
+}
+
+/// Arguments of `lobelia rig monitor`.
+#[derive(Debug, Args)]
+pub(super) struct MonitorArgs {
+    #[command(flatten)]
+    session: Session,
+    /// Ends after so many seconds of the controller's time; without it, at Ctrl-C
+    #[arg(long, value_name = "S")]
+    for_s: Option<f64>,
+}
+
+/// Arguments of `lobelia rig params`.
+#[derive(Debug, Args)]
+pub(super) struct ParamsArgs {
+    /// The controller, to ask whether it takes them: sim, /dev/ttyACM0 or tcp://host:port
+    #[arg(long)]
+    port: Option<String>,
+    /// The rig, see `lobelia template rig`; the simulated one when not given
+    #[arg(long, value_name = "RIG.toml")]
+    rig: Option<PathBuf>,
+    /// Sends them, and has the controller keep them over a power cut
+    #[arg(long, requires = "port")]
+    save: bool,
+}
+
+/// When watching ends, by the controller's clock.
+fn end_us(client: &mut RigClient, for_s: Option<f64>) -> Result<u64> {
+    let Some(seconds) = for_s else { return Ok(u64::MAX) };
+    let time = Duration::try_from_secs_f64(seconds)
+        .map_err(|error| Error::input(format!("--for-s {seconds}: {error}")))?;
+    Ok(client.status()?.uptime_us.saturating_add(time.as_micros() as u64))
+}
+
+/// Runs `lobelia rig status`.
+pub(super) fn status(args: &StatusArgs, context: &mut Context) -> Result<()> {
+    let (config, mut client) = args.session.connect(context)?;
+    let end_us = end_us(&mut client, args.for_s)?;
+    let live = std::io::stdout().is_terminal();
+    let mut lines = 0;
+    loop {
+        let now = client.status()?;
+        let text = status::text(&now, &config);
+        if live && lines > 0 {
+            // Back to the first line, and clear from there.
+            print!("\x1b[{lines}A\x1b[J");
+        }
+        print!("{text}");
+        let _ = std::io::stdout().flush();
+        lines = text.lines().count();
+        if !args.watch || station::interrupted() || now.uptime_us >= end_us {
+            context.report.figure("uptime_s", now.uptime_us as f64 / 1e6);
+            context.report.figure("homed", now.known.iter().all(|&known| known));
+            context.report.figure("faults", now.faults.iter().count());
+            return Ok(());
+        }
+        client.listen(Duration::from_secs(1))?;
+        if args.for_s.is_none() {
+            args.session.connection.keep_pace(Duration::from_secs(1));
+        }
+        if !live {
+            println!();
+        }
+    }
+}
+
+/// Runs `lobelia rig monitor`.
+pub(super) fn monitor(args: &MonitorArgs, context: &mut Context) -> Result<()> {
+    let (config, mut client) = args.session.connect(context)?;
+    let end_us = end_us(&mut client, args.for_s)?;
+    let mut before = client.status()?;
+    let mut events = 0_u64;
+    println!("{}", monitor::line(before.uptime_us, "connected"));
+    while before.uptime_us < end_us && !station::interrupted() {
+        while let Some(event) = client.listen(LOOK)? {
+            println!("{}", monitor::event(&event, before.uptime_us));
+            events += 1;
+        }
+        if args.for_s.is_none() {
+            args.session.connection.keep_pace(LOOK);
+        }
+        let now = client.status()?;
+        for line in monitor::changes(&before, &now, &config) {
+            println!("{line}");
+            events += 1;
+        }
+        before = now;
+    }
+    context.report.figure("events", events);
+    Ok(())
+}
+
+/// Runs `lobelia rig params`.
+pub(super) fn params(args: &ParamsArgs, context: &mut Context) -> Result<()> {
+    let config = super::rig_config(args.rig.as_deref(), context)?;
+    print!("{}", table(&config)?);
+    let Some(port) = &args.port else { return Ok(()) };
+    let connection = Connection { port: port.clone(), rig: None };
+    let mut client = RigClient::connect(connection.open(&config)?)?;
+    if args.save {
+        client.configure(&config.configuration()?)?;
+        client.save_parameters()?;
+        println!("controller: has these parameters now and keeps them");
+        return Ok(());
+    }
+    let set = client.status()?.configured;
+    context.report.figure("configured", set);
+    println!(
+        "controller: {}; the protocol does not tell which",
+        if set { "has parameters" } else { "has no parameters yet" }
+    );
+    Ok(())
+}
+
+/// A row: what it is, its unit, and the number of an axis.
+type Row = (&'static str, &'static str, fn(&AxisParameters) -> i64);
+
+/// What the controller is told of each axis.
+const ROWS: [Row; 15] = [
+    ("min", "steps", |axis| axis.min_steps.into()),
+    ("max", "steps", |axis| axis.max_steps.into()),
+    ("max_speed", "steps/s", |axis| axis.max_speed.into()),
+    ("acceleration", "steps/s²", |axis| axis.acceleration.into()),
+    ("jerk", "steps/s³", |axis| axis.jerk.into()),
+    ("full_turn", "steps", |axis| axis.full_turn_steps.into()),
+    ("take_up", "steps", |axis| axis.take_up_steps.into()),
+    ("settle", "ms", |axis| axis.settle_ms.into()),
+    ("home_position", "steps", |axis| axis.home_position.into()),
+    ("home_speed", "steps/s", |axis| axis.home_speed.into()),
+    ("home_slow_speed", "steps/s", |axis| axis.home_slow_speed.into()),
+    ("home_back_off", "steps", |axis| axis.home_back_off.into()),
+    ("home_travel", "steps", |axis| axis.home_travel.into()),
+    ("home_debounce", "µs", |axis| axis.home_debounce_us.into()),
+    ("index_tolerance", "steps", |axis| axis.index_tolerance.into()),
+];
+
+/// The parameters as a table, an axis a column.
+pub(super) fn table(config: &RigConfig) -> Result<String> {
+    let configuration = config.configuration()?;
+    let mut text = format!("{:<18}{:<10}", "parameter", "unit");
+    for axis in Axis::ALL {
+        text += &format!("{:>10}", axis.name());
+    }
+    for (name, unit, number) in ROWS {
+        text += &format!("\n{name:<18}{unit:<10}");
+        for axis in &configuration.axes {
+            text += &format!("{:>10}", number(axis));
+        }
+    }
+    let whole: [(&str, &str, String); 7] = [
+        ("lamp_warm_up", "s", configuration.lamp_warm_up_s.to_string()),
+        ("lamp_least_reading", "counts", configuration.lamp_least_reading.to_string()),
+        ("lease", "ms", configuration.lease_ms.to_string()),
+        ("lamp_lease", "ms", configuration.lamp_lease_ms.to_string()),
+        ("lamp_safe_level", "of 65535", configuration.lamp_safe_level.to_string()),
+        ("camera_wait", "ms", configuration.camera_wait_ms.to_string()),
+        ("coordinated", "", configuration.coordinated.to_string()),
+    ];
+    for (name, unit, value) in whole {
+        text += &format!("\n{name:<19}{unit:<9}{value:>10}");
+    }
+    Ok(text + "\n")
+}

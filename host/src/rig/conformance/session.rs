@@ -1,0 +1,84 @@
+//! Checks of hello, session and parameters.
+
+use lobelia_protocol::{
+    AXES, Axis, Command, Configuration, Field, Hello, Outcome, Refusal, Request, Verdict, schema,
+};
+
+use super::Script;
+use super::bench::{Bench, Result, ensure, same};
+
+pub(super) const CHECKS: &[(&str, Script)] = &[
+    ("a hello opens a session and is answered with schema and session", hello),
+    ("a hello of another schema is refused with the controller's own version", other_schema),
+    ("a request of a session that isn't open is refused", closed_session),
+    ("a status tells that parameters are set", configured),
+    ("parameters out of range are refused and change nothing", bad_parameters),
+    ("other parameters make positions unknown", other_parameters),
+    ("a move is refused before homing", no_move_before_homing),
+    ("an index check is refused before homing", no_check_before_homing),
+];
+
+fn hello(bench: &mut Bench) -> Result<()> {
+    let reply = bench.open()?;
+    same("the reply", &Hello::new(bench.session).reply(), &reply)
+}
+
+fn other_schema(bench: &mut Bench) -> Result<()> {
+    let other = Hello { schema: !schema::IDENTITY, version: schema::VERSION + 1000, session: bench.session };
+    let reply = bench.greet(other)?;
+    same("the verdict", &Verdict::DifferentSchema, &reply.verdict)?;
+    same("the schema", &schema::IDENTITY, &reply.hello.schema)?;
+    same("the version", &schema::VERSION, &reply.hello.version)
+}
+
+fn closed_session(bench: &mut Bench) -> Result<()> {
+    bench.open()?;
+    let request = Request { session: !bench.session, id: 1, command: Command::Home };
+    bench.send(&request)?;
+    let outcome = bench.outcome(&request)?;
+    same("its outcome", &Outcome::Refused(Refusal::NoSession), &outcome)
+}
+
+fn configured(bench: &mut Bench) -> Result<()> {
+    let status = bench.settle()?;
+    ensure(status.configured, || "it says that none are".to_owned())
+}
+
+fn bad_parameters(bench: &mut Bench) -> Result<()> {
+    let before = bench.settle()?.known;
+    let bend = |change: fn(&mut Configuration)| {
+        let mut bent = bench.configuration;
+        change(&mut bent);
+        Command::Configure(bent)
+    };
+    let bent = [
+        (bend(|all| all.axes[0].max_speed = 0), Axis::Pan, Field::MaxSpeed),
+        (bend(|all| all.axes[1].min_steps = all.axes[1].max_steps + 1), Axis::Tilt, Field::Limits),
+        (bend(|all| all.axes[2].acceleration = 0), Axis::Roll, Field::Acceleration),
+    ];
+    for (command, axis, field) in bent {
+        bench.refused(command, Refusal::BadParameter { axis: Some(axis), field })?;
+    }
+    same("known axes", &before, &bench.status()?.known)
+}
+
+fn other_parameters(bench: &mut Bench) -> Result<()> {
+    bench.settle()?;
+    let mut other = bench.configuration;
+    other.axes[3].settle_ms ^= 1;
+    bench.done(Command::Configure(other))?;
+    bench.done(Command::Configure(bench.configuration))?;
+    same("known axes", &[false; AXES], &bench.status()?.known)
+}
+
+fn no_move_before_homing(bench: &mut Bench) -> Result<()> {
+    other_parameters(bench)?;
+    let before = bench.status()?.positions;
+    bench.refused(Command::MoveTo(bench.part_way(0.5)), Refusal::PositionUnknown(Axis::Pan))?;
+    same("positions", &before, &bench.status()?.positions)
+}
+
+fn no_check_before_homing(bench: &mut Bench) -> Result<()> {
+    other_parameters(bench)?;
+    bench.refused(Command::CheckIndex, Refusal::PositionUnknown(Axis::Pan))
+}

@@ -1,0 +1,113 @@
+//! The checks on the real firmware, and on controllers that are wrong in one way each.
+#![allow(clippy::unwrap_used, reason = "helpers of tests are tests")]
+
+use lobelia_hil_sim::{MechanicsConfig, SimulatedRig};
+use lobelia_protocol::{Answer, Outcome as RequestOutcome, ToController, ToHost};
+
+use super::*;
+use crate::rig::testing::{Bent, fresh_ids};
+
+fn failures(port: Box<dyn Port>) -> Vec<&'static str> {
+    let configuration = MechanicsConfig::ideal().configuration();
+    let checks = run(port, &configuration, true, |_| {}).unwrap();
+    assert_eq!(checks.len(), count());
+    checks
+        .into_iter()
+        .filter(|check| matches!(check.outcome, Outcome::Fail(_)))
+        .map(|check| check.name)
+        .collect()
+}
+
+fn rig() -> SimulatedRig {
+    SimulatedRig::new(&MechanicsConfig::ideal())
+}
+
+#[test]
+fn the_simulated_rig_conforms_and_is_left_dark_and_at_rest() {
+    let rig = rig();
+    let configuration = MechanicsConfig::ideal().configuration();
+    let mut told = 0;
+    let checks = run(Box::new(rig.link()), &configuration, true, |_| told += 1).unwrap();
+    assert_eq!(told, count());
+    for check in checks {
+        assert_eq!(check.outcome, Outcome::Pass, "{}", check.name);
+    }
+    assert!(!rig.shutter_open());
+}
+
+#[test]
+fn a_rig_with_play_scatter_and_noise_conforms() {
+    let config = MechanicsConfig::default();
+    let link = Box::new(SimulatedRig::new(&config).link());
+    let checks = run(link, &config.configuration(), true, |_| {}).unwrap();
+    assert!(checks.iter().all(|check| check.outcome == Outcome::Pass), "{checks:?}");
+}
+
+#[test]
+fn without_the_lamp_the_checks_that_strike_it_are_left_out() {
+    let configuration = MechanicsConfig::ideal().configuration();
+    let checks = run(Box::new(rig().link()), &configuration, false, |_| {}).unwrap();
+    let skipped = checks.iter().filter(|check| matches!(check.outcome, Outcome::Skipped(_)));
+    assert_eq!(skipped.count(), light::STRIKES.len());
+}
+
+#[test]
+fn flipped_positions_fail_the_moves() {
+    let flip = |packet: &mut ToHost| {
+        if let ToHost::Response(response) = packet
+            && let RequestOutcome::Done(Answer::At(positions)) = &mut response.outcome
+        {
+            *positions = positions.map(|steps| -steps);
+        }
+    };
+    let failed = failures(Box::new(Bent::new(rig().link(), |_| {}, flip)));
+    assert!(failed.contains(&"moves end exactly at the upper and the lower limits"), "{failed:?}");
+    assert!(!failed.contains(&"a hello opens a session and is answered with schema and session"));
+}
+
+#[test]
+fn a_controller_that_runs_repetitions_again_fails_the_link() {
+    let (out, back) = fresh_ids();
+    let failed = failures(Box::new(Bent::new(rig().link(), out, back)));
+    let expected = "a request repeated after its answer is answered alike and not run again";
+    assert!(failed.contains(&expected), "{failed:?}");
+}
+
+#[test]
+fn a_shutter_that_is_wrong_by_a_thousandth_fails_the_light() {
+    let late = |packet: &mut ToHost| {
+        if let ToHost::Response(response) = packet
+            && let RequestOutcome::Done(Answer::Exposed(exposure)) = &mut response.outcome
+        {
+            exposure.open_us += exposure.open_us / 1000;
+        }
+    };
+    let failed = failures(Box::new(Bent::new(rig().link(), |_| {}, late)));
+    assert_eq!(failed, ["a dark exposure lasts as long as it was asked to, within 10 µs"]);
+}
+
+#[test]
+fn a_controller_without_limits_fails_the_refusals() {
+    let mut widest = MechanicsConfig::ideal().configuration();
+    for axis in &mut widest.axes {
+        axis.max_steps += 1;
+    }
+    let widen = move |packet: &mut ToController| {
+        if let ToController::Request(request) = packet
+            && request.command == Command::Configure(MechanicsConfig::ideal().configuration())
+        {
+            request.command = Command::Configure(widest);
+        }
+    };
+    let failed = failures(Box::new(Bent::new(rig().link(), widen, |_| {})));
+    assert_eq!(failed, ["moves beyond a limit are refused with the axis, and move nothing"]);
+}
+
+#[test]
+fn an_unplugged_controller_is_an_error_and_no_result() {
+    let rig = rig();
+    rig.unplug();
+    let configuration = MechanicsConfig::ideal().configuration();
+    let error = run(Box::new(rig.link()), &configuration, true, |_| {}).unwrap_err();
+    assert_eq!(error.exit_code(), 1);
+}

@@ -1,0 +1,116 @@
+//! The event log: what a controller tells unasked, and what changed between two statuses, each with the controller's time.
+
+use lobelia_protocol::{Axis, CrashRecord, Event, Status};
+
+use crate::rig::config::RigConfig;
+use crate::rig::explain;
+use crate::rig::status::{degrees, fault_name};
+
+/// A line of the log: controller's time in s, and what happened.
+pub fn line(time_us: u64, what: &str) -> String {
+    format!("{:>14.6} s  {what}", time_us as f64 / 1e6)
+}
+
+/// The line of an event that came when the controller's clock was about `now_us`.
+pub fn event(event: &Event, now_us: u64) -> String {
+    let report = match event {
+        Event::Fault(report) => report,
+        Event::Crashed(CrashRecord { cause, place }) => {
+            let what = format!("the controller had crashed before it was started: {cause:?} at {place:#x}");
+            return line(now_us, &what);
+        }
+    };
+    let of = report.axis.map_or(String::new(), |axis| format!(" ({})", axis.name()));
+    let what = format!("fault: {}{of}: {}", fault_name(report.fault), explain::fault_report(report));
+    line(report.at_us, &what)
+}
+
+/// The lines of what changed from one status to the next, at the time of the next.
+pub fn changes(before: &Status, after: &Status, config: &RigConfig) -> Vec<String> {
+    let mut lines = Vec::new();
+    let mut note = |what: String| lines.push(line(after.uptime_us, &what));
+    if after.uptime_us < before.uptime_us {
+        note("the controller was restarted".to_owned());
+    }
+    for axis in Axis::ALL {
+        let (k, name) = (axis.index(), axis.name());
+        let place = degrees(config, axis, after.positions[k]);
+        match (before.known[k], after.known[k]) {
+            (false, true) => note(format!("{name} homed, at {place:.3}°")),
+            (true, false) => note(format!("{name} is no longer known")),
+            _ => {}
+        }
+        match (before.moving[k], after.moving[k]) {
+            (false, true) => note(format!("{name} began to move")),
+            (true, false) => note(format!("{name} at rest at {place:.3}°")),
+            (false, false)
+                if before.known[k] && after.known[k] && before.positions[k] != after.positions[k] =>
+            {
+                note(format!("{name} moved to {place:.3}°"));
+            }
+            _ => {}
+        }
+    }
+    match (before.lamp.on, after.lamp.on) {
+        (false, true) => note(format!("lamp switched on, warm in {} s", after.lamp.remaining_s)),
+        (true, false) => note("lamp switched off".to_owned()),
+        (true, true) if after.lamp.warm && !before.lamp.warm => note("lamp warm".to_owned()),
+        _ => {}
+    }
+    match (before.emergency_stop, after.emergency_stop) {
+        (false, true) => note("emergency stop pressed".to_owned()),
+        (true, false) => note("emergency stop released".to_owned()),
+        _ => {}
+    }
+    for fault in before.faults.iter().filter(|fault| !after.faults.contains(*fault)) {
+        note(format!("cleared: {}", fault_name(fault)));
+    }
+    lines
+}
+
+#[cfg(test)]
+mod tests {
+    use lobelia_protocol::{Fault, FaultReport, Faults, LampStatus};
+
+    use super::*;
+
+    fn idle() -> Status {
+        Status {
+            positions: [0; 4],
+            known: [true; 4],
+            moving: [false; 4],
+            at_switch: [false; 4],
+            configured: true,
+            busy: false,
+            lamp: LampStatus::default(),
+            faults: Faults::NONE,
+            emergency_stop: false,
+            uptime_us: 1_500_000,
+        }
+    }
+
+    #[test]
+    fn nothing_is_logged_while_nothing_happens() {
+        let later = Status { uptime_us: 9_000_000, ..idle() };
+        assert_eq!(changes(&idle(), &later, &RigConfig::default()), Vec::<String>::new());
+    }
+
+    #[test]
+    fn changes_are_logged_at_the_controllers_time() {
+        let mut later = Status { uptime_us: 2_000_000, positions: [1000, 0, 0, 0], ..idle() };
+        later.known[2] = false;
+        later.lamp = LampStatus { on: true, level: 65535, warm: false, remaining_s: 900 };
+        let lines = changes(&idle(), &later, &RigConfig::default());
+        let expected = ["pan moved to 12.900°", "roll is no longer known", "lamp switched on, warm in 900 s"];
+        assert_eq!(lines, expected.map(|what| line(2_000_000, what)));
+        assert_eq!(lines[0], "      2.000000 s  pan moved to 12.900°");
+    }
+
+    #[test]
+    fn a_fault_is_one_line_with_its_own_time_and_axis() {
+        let report = FaultReport { fault: Fault::LimitHit, axis: Some(Axis::Tilt), at_us: 12_345_678 };
+        let told = event(&Event::Fault(report), 0);
+        assert!(told.starts_with("     12.345678 s  fault: limit hit (tilt): the tilt axis"), "{told}");
+        assert_eq!(told.lines().count(), 1);
+    }
+}

@@ -1,0 +1,72 @@
+//! The wire to a controller: packets out, packets in, over any port.
+
+use std::collections::VecDeque;
+use std::io::ErrorKind;
+use std::time::Duration;
+
+use lobelia_protocol::{FrameDecoder, ToController, ToHost};
+
+use crate::error::{Error, Result};
+use crate::rig::port::Port;
+
+/// After this many bytes without one packet among them the port counts as someone else's.
+const MOST_RUBBISH: usize = 1 << 18;
+
+/// A port with the framing on it.
+pub(crate) struct Wire {
+    port: Box<dyn Port>,
+    decoder: FrameDecoder,
+    inbox: VecDeque<u8>,
+    rubbish: usize,
+}
+
+impl Wire {
+    pub(crate) fn new(port: Box<dyn Port>) -> Self {
+        Self { port, decoder: FrameDecoder::new(), inbox: VecDeque::new(), rubbish: 0 }
+    }
+
+    pub(crate) fn send(&mut self, packet: &ToController) -> Result<()> {
+        let frame = packet.encode().map_err(|_| Error::failure("a request is longer than a frame may be"))?;
+        self.send_bytes(&frame)
+    }
+
+    /// Sends bytes as they are, whether they are a frame or not.
+    pub(crate) fn send_bytes(&mut self, bytes: &[u8]) -> Result<()> {
+        self.port.write_all(bytes).and_then(|()| self.port.flush()).map_err(|error| lost(&error))
+    }
+
+    /// The next packet, or nothing if none comes in time. What isn't a packet is passed over.
+    pub(crate) fn receive(&mut self, timeout: Duration) -> Result<Option<ToHost>> {
+        loop {
+            while let Some(byte) = self.inbox.pop_front() {
+                self.rubbish += 1;
+                let Some(Ok(payload)) = self.decoder.push(byte) else { continue };
+                let Ok(packet) = ToHost::decode(payload) else { continue };
+                self.rubbish = 0;
+                return Ok(Some(packet));
+            }
+            if self.rubbish > MOST_RUBBISH {
+                return Err(Error::failure(
+                    "the port sends bytes that no Lobelia controller sends; check that --port names the rig",
+                ));
+            }
+            let mut buffer = [0; 512];
+            self.port.set_read_timeout(timeout).map_err(|error| lost(&error))?;
+            match self.port.read(&mut buffer) {
+                Ok(0) => return Err(lost(&ErrorKind::UnexpectedEof.into())),
+                Ok(count) => self.inbox.extend(&buffer[..count]),
+                Err(error) => match error.kind() {
+                    ErrorKind::TimedOut | ErrorKind::WouldBlock => return Ok(None),
+                    ErrorKind::Interrupted => {}
+                    _ => return Err(lost(&error)),
+                },
+            }
+        }
+    }
+}
+
+fn lost(error: &std::io::Error) -> Error {
+    Error::failure(format!(
+        "the link to the rig's controller was lost ({error}); plug it in, then start again (acquire: with --resume)"
+    ))
+}
