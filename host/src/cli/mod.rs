@@ -87,6 +87,7 @@ impl Command {
             Self::Develop(_) => "develop",
             Self::Fit(_) => "fit",
             Self::Render(_) => "render",
+            Self::Rig(_) => "rig",
             Self::Template(_) => "template",
             Self::Completions { .. } => "completions",
         }

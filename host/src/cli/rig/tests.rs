@@ -13,7 +13,8 @@ fn rig(line: &str) -> Result<Report> {
     let words = ["lobelia", "rig"].into_iter().chain(line.split_whitespace());
     let cli = Cli::try_parse_from(words).map_err(|error| Error::input(error.to_string()))?;
     let Command::Rig(args) = cli.command else { unreachable!("the words begin with `rig`") };
-    let mut context = Context { seed: 1, quiet: true, verbose: false, report: Report::new("rig", 1) };
+    let mut context =
+        Context { seed: 1, given_seed: None, quiet: true, verbose: false, report: Report::new("rig", 1) };
     run(&args, &mut context)?;
     Ok(context.report)
 }
