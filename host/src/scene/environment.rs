@@ -73,11 +73,6 @@ impl Environment {
         glam::Quat::from_rotation_y(-self.rotation) * world
     }
 
-    /// From the image's frame to a world direction.
-    pub fn into_world(&self, local: Vec3) -> Vec3 {
-        glam::Quat::from_rotation_y(self.rotation) * local
-    }
-
     /// Radiance from a world direction, bilinear between pixel centres.
     pub fn radiance(&self, world: Vec3) -> Rgb {
         self.radiance_at(texture_of(self.into_image_frame(world)))
