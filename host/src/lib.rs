@@ -5,6 +5,7 @@
 //! `rig` ← `plan` ← `acquire` ← `develop` ← `fit` ← `render` ← `cli`.
 
 pub mod acquire;
+pub mod chart;
 pub mod cli;
 #[cfg(feature = "sim")]
 pub mod demo;
@@ -13,6 +14,7 @@ pub mod error;
 pub mod files;
 pub mod fit;
 pub mod linalg;
+mod page;
 pub mod plan;
 pub mod progress;
 pub mod render;

@@ -10,6 +10,7 @@ use crate::progress;
 use crate::report::Report;
 
 mod acquire;
+mod chart;
 #[cfg(feature = "sim")]
 mod demo;
 mod develop;
@@ -67,6 +68,8 @@ enum Command {
     Fit(fit::FitArgs),
     /// Renders a scene
     Render(render::RenderArgs),
+    /// Plots what a method costs against how right it is
+    Chart(chart::ChartArgs),
     /// Prints a commented example of a file that Lobelia reads
     Template(template::TemplateArgs),
     /// Prints a completion script for a shell
@@ -88,6 +91,7 @@ impl Command {
             Self::Fit(_) => "fit",
             Self::Render(_) => "render",
             Self::Rig(_) => "rig",
+            Self::Chart(_) => "chart",
             Self::Template(_) => "template",
             Self::Completions { .. } => "completions",
         }
@@ -156,6 +160,7 @@ fn run(cli: Cli) -> Result<()> {
         Command::Develop(args) => develop::run(&args, &mut context),
         Command::Fit(args) => fit::run(&args, &mut context),
         Command::Render(args) => render::run(&args, &mut context),
+        Command::Chart(args) => chart::run(&args, &mut context),
         Command::Template(args) => template::run(&args),
         Command::Completions { shell } => {
             clap_complete::generate(shell, &mut Cli::command(), "lobelia", &mut std::io::stdout());
