@@ -7,6 +7,7 @@
 pub mod acquire;
 pub mod chart;
 pub mod cli;
+pub mod compare;
 #[cfg(feature = "sim")]
 pub mod demo;
 pub mod develop;

@@ -1,6 +1,6 @@
 //! Charts: plots and tables of what a method costs against how right it is, as HTML, SVG and JSON.
 //!
-//! Whoever measures fills a [`Chart`] with plots, tables and sentences; [`Chart::write`] makes one page of it, every plot
+//! Whoever measures fills a [`Chart`] with plots, tables pictures and sentences; [`Chart::write`] makes one page of it, every plot
 //! also as an SVG file of its own, and every number once more as JSON.
 
 use std::path::{Path, PathBuf};
@@ -40,8 +40,20 @@ pub struct Section {
     pub text: String,
     /// The plots.
     pub plots: Vec<Plot>,
+    /// Pictures in rows of three.
+    pub pictures: Vec<Picture>,
     /// The numbers.
     pub tables: Vec<Table>,
+}
+
+/// A picture of a chart.
+#[derive(Debug, Clone, PartialEq, Default, Serialize)]
+pub struct Picture {
+    /// What it shows.
+    pub title: String,
+    /// The bytes of a PNG file.
+    #[serde(skip)]
+    pub png: Vec<u8>,
 }
 
 impl Chart {
@@ -88,8 +100,15 @@ impl Section {
         let plots = self.plots.iter().map(|plot| html::figure(&plot.svg(), &html::escape(&plot.title)));
         let plots: String = plots.collect();
         let class = if self.plots.len() > 1 { "two" } else { "one" };
+        let picture = |picture: &Picture| {
+            html::figure(
+                &html::picture(&picture.png, &picture.title, "rendered"),
+                &html::escape(&picture.title),
+            )
+        };
+        let pictures: String = self.pictures.iter().map(picture).collect();
         let tables: String = self.tables.iter().map(Table::html).collect();
-        format!("<div class=\"{class}\">{plots}</div>\n{tables}")
+        format!("<div class=\"{class}\">{plots}</div>\n<div class=\"three\">{pictures}</div>\n{tables}")
     }
 }
 
@@ -119,8 +138,13 @@ mod tests {
         };
         let mut table = Table::new(["method", "time, s"]);
         table.row(["<x>".into(), 0.012_34.into()]);
-        let section =
-            Section { title: "Fits".into(), text: "All.".into(), plots: vec![plot], tables: vec![table] };
+        let section = Section {
+            title: "Fits".into(),
+            text: "All.".into(),
+            plots: vec![plot],
+            tables: vec![table],
+            ..Section::default()
+        };
         Chart { name: "fit".into(), title: "T".into(), lead: "L".into(), sections: vec![section] }
     }
 

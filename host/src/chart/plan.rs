@@ -52,6 +52,7 @@ pub fn chart(rig: &RigConfig, seed: u64) -> Result<Chart> {
             plot("Travel by the sharpest lobe that is resolved", Axis::log("exponent n"), "travel, s", by_exponent),
         ],
         tables: vec![table],
+        ..Section::default()
     };
     Ok(Chart {
         name: "plan".into(),

@@ -11,6 +11,7 @@ use crate::report::Report;
 
 mod acquire;
 mod chart;
+mod compare;
 #[cfg(feature = "sim")]
 mod demo;
 mod develop;
@@ -68,6 +69,8 @@ enum Command {
     Fit(fit::FitArgs),
     /// Renders a scene
     Render(render::RenderArgs),
+    /// Renders a run's poses from the fitted map, beside the photographs
+    Compare(compare::CompareArgs),
     /// Plots what a method costs against how right it is
     Chart(chart::ChartArgs),
     /// Prints a commented example of a file that Lobelia reads
@@ -92,6 +95,7 @@ impl Command {
             Self::Render(_) => "render",
             Self::Rig(_) => "rig",
             Self::Chart(_) => "chart",
+            Self::Compare(_) => "compare",
             Self::Template(_) => "template",
             Self::Completions { .. } => "completions",
         }
@@ -160,6 +164,7 @@ fn run(cli: Cli) -> Result<()> {
         Command::Develop(args) => develop::run(&args, &mut context),
         Command::Fit(args) => fit::run(&args, &mut context),
         Command::Render(args) => render::run(&args, &mut context),
+        Command::Compare(args) => compare::run(&args, &mut context),
         Command::Chart(args) => chart::run(&args, &mut context),
         Command::Template(args) => template::run(&args),
         Command::Completions { shell } => {
