@@ -11,12 +11,13 @@ use lobelia_protocol::{
     Response, Status, ToController, ToHost,
 };
 
-use crate::board::{Board, Options, Peripherals, PinFailure};
+use crate::board::{AxisPins, Board, Options, Peripherals, PinFailure};
 use crate::homing::{Homing, Purpose};
 use crate::lamp::Lamp;
 use crate::link::{Admission, Link};
 use crate::motion::axis::AxisDrive;
 use crate::motion::parameters;
+use crate::motion::pulses::{Pulses, StepPins};
 use crate::safety::{EmergencyStop, Safety};
 use crate::shutter::Shutter;
 use crate::storage;
@@ -65,9 +66,16 @@ impl From<PinFailure> for Trouble {
     }
 }
 
+/// While axes move the controller does more than steps at least this often, in µs.
+const POLL_EVERY_US: u64 = 500;
+
 /// The controller of a rig.
 pub struct Controller<B: Board> {
-    axes: [AxisDrive<B>; AXES],
+    axes: [AxisDrive<B::Output>; AXES],
+    pulses: Pulses<B>,
+    /// The time, and when [`Self::poll`] is due, unless no axis moves.
+    now_us: u64,
+    poll_us: Option<u64>,
     options: Options<B>,
     lamp: Lamp<B::Output, B::LampLevel>,
     shutter: Shutter<B::Output>,
@@ -92,8 +100,17 @@ impl<B: Board> Controller<B> {
         let stored = options.storage.as_mut().and_then(|storage| storage::load(&mut **storage));
         let configuration = stored.filter(|stored| parameters::validate(stored).is_ok());
         let Peripherals { axes, shutter, lamp, lamp_level, photodiode, emergency_stop, link } = peripherals;
+        let mut stall = core::mem::take(&mut options.stall).into_iter();
+        let mut number = 0..;
+        let [pan, tilt, roll, light] = axes.map(|AxisPins { step, direction, enable, home }| {
+            let drive = AxisDrive::new(number.next().unwrap_or(0), direction, enable);
+            (drive, StepPins { step, home, stall: stall.next().flatten() })
+        });
         Self {
-            axes: axes.map(AxisDrive::new),
+            axes: [pan.0, tilt.0, roll.0, light.0],
+            pulses: Pulses::new([pan.1, tilt.1, roll.1, light.1]),
+            now_us: 0,
+            poll_us: None,
             options,
             lamp: Lamp::new(lamp, lamp_level),
             shutter: Shutter::new(shutter),
@@ -106,10 +123,15 @@ impl<B: Board> Controller<B> {
         }
     }
 
-    /// When [`Self::poll`] has to be called next, unless a byte or the emergency stop comes first; in µs, and
+    /// When [`Self::tick`] has to be called next, unless a byte or the emergency stop comes first; in µs, and
     /// `u64::MAX` when nothing is under way.
     pub fn next_event_us(&self) -> u64 {
-        self.task_us().min(self.lease_end_us())
+        let Some(poll_us) = self.poll_us else {
+            return self.task_us().min(self.lease_end_us());
+        };
+        let wait = |next: u32| (next.wrapping_sub(self.now_us as u32) as i32).max(0) as u32;
+        let step_us = self.pulses.next_us().map_or(u64::MAX, |next| self.now_us + u64::from(wait(next)));
+        step_us.min(poll_us)
     }
 
     fn task_us(&self) -> u64 {
@@ -121,7 +143,7 @@ impl<B: Board> Controller<B> {
             Task::AwaitCamera { look_us, .. } => *look_us,
             Task::Expose { .. } => self.shutter.next_us(),
             Task::Move { .. } | Task::Turn { .. } | Task::Home(..) | Task::Stop => {
-                self.axes.iter().map(AxisDrive::next_us).min().unwrap_or(u64::MAX)
+                self.axes.iter().map(|axis| axis.next_us(&self.pulses, self.now_us)).min().unwrap_or(u64::MAX)
             }
         }
     }
@@ -131,8 +153,24 @@ impl<B: Board> Controller<B> {
         array::from_fn(|axis| self.axes[axis].moving())
     }
 
-    /// Does all that is due at `now_us`, which never goes back.
+    /// Does what is due at `now_us`, which never goes back: while axes move mostly steps, which is quick.
+    #[inline]
+    pub fn tick(&mut self, now_us: u64) {
+        self.now_us = now_us;
+        if self.poll_us.is_some_and(|poll_us| now_us < poll_us) {
+            self.pulses.step(now_us as u32);
+            if !self.pulses.tripped() {
+                return;
+            }
+        }
+        self.poll(now_us);
+    }
+
+    /// Does all there is to do at `now_us`, which never goes back; looks for bytes too.
     pub fn poll(&mut self, now_us: u64) {
+        self.now_us = now_us;
+        // Steps before bytes: what a packet takes to decode must not delay them.
+        self.pulses.step(now_us as u32);
         if self.options.emergency_stop.is_some_and(EmergencyStop::take) {
             self.raise(now_us, Fault::EmergencyStop, None);
         }
@@ -142,7 +180,7 @@ impl<B: Board> Controller<B> {
             Err(PinFailure) => self.raise(now_us, Fault::Hardware, None),
         }
         self.mind_temperature(now_us);
-        // Steps and shutter before bytes: what a packet takes to decode must not delay them.
+        // And the shutter.
         if let Some(running) = self.running.take() {
             self.go_on(now_us, running);
         }
@@ -178,6 +216,9 @@ impl<B: Board> Controller<B> {
             watchdog.feed();
         }
         self.link.flush();
+        let moving = self.axes.iter().any(AxisDrive::moving) || self.pulses.next_us().is_some();
+        let due_us = || self.task_us().min(self.lease_end_us()).min(now_us + POLL_EVERY_US);
+        self.poll_us = moving.then(due_us);
     }
 
     /// Ends what a host began that is no longer there.
@@ -281,7 +322,7 @@ impl<B: Board> Controller<B> {
     fn configure(&mut self, configuration: Configuration) -> Result<(), Refusal> {
         parameters::validate(&configuration)?;
         if self.configuration.replace(configuration) != Some(configuration) {
-            self.axes.iter_mut().for_each(AxisDrive::forget);
+            self.axes.iter_mut().for_each(|axis| axis.forget(&mut self.pulses));
         }
         Ok(())
     }
@@ -297,8 +338,8 @@ impl<B: Board> Controller<B> {
 
     fn status(&mut self, now_us: u64) -> Result<Status, PinFailure> {
         let mut at_switch = [false; AXES];
-        for (at_switch, axis) in at_switch.iter_mut().zip(&mut self.axes) {
-            *at_switch = axis.at_switch()?;
+        for (axis, at_switch) in at_switch.iter_mut().enumerate() {
+            *at_switch = self.pulses.at_switch(axis)?;
         }
         Ok(Status {
             positions: self.positions(),
@@ -315,7 +356,7 @@ impl<B: Board> Controller<B> {
     }
 
     fn positions(&self) -> [i32; AXES] {
-        array::from_fn(|axis| self.axes[axis].position())
+        array::from_fn(|axis| self.pulses.position(axis))
     }
 
     /// Polls the axes or the shutter for the task, and ends it when it is done.
@@ -401,7 +442,7 @@ impl<B: Board> Controller<B> {
     fn raise(&mut self, now_us: u64, fault: Fault, axis: Option<Axis>) {
         let mut safe = true;
         for drive in &mut self.axes {
-            safe &= drive.cut().is_ok();
+            safe &= drive.cut(&mut self.pulses).is_ok();
         }
         safe &= self.shutter.close().is_ok();
         if matches!(fault, Fault::EmergencyStop | Fault::OverTemperature) {

@@ -324,7 +324,7 @@ impl Rig {
         }
         let now = self.bench.borrow().now_us.max(next);
         self.bench.borrow_mut().now_us = now;
-        self.poll();
+        self.controller.tick(now);
         true
     }
 

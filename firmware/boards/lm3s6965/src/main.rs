@@ -15,7 +15,7 @@ fn main() -> ! {
     start_interrupts();
     loop {
         let now = now_us();
-        controller.poll(now);
+        controller.tick(now);
         sleep_until(controller.next_event_us().min(now + LONGEST_SLEEP_US));
     }
 }

@@ -11,7 +11,7 @@ fn main() -> ! {
     let mut controller = Controller::new(peripherals);
     start_interrupts();
     loop {
-        controller.poll(now_us());
+        controller.tick(now_us());
         rest_until(controller.next_event_us());
     }
 }
