@@ -17,7 +17,7 @@ use crate::lamp::Lamp;
 use crate::link::{Admission, Link};
 use crate::motion::axis::AxisDrive;
 use crate::motion::parameters;
-use crate::motion::pulses::{Pulses, StepPins};
+use crate::motion::pulses::{Inputs, Pulses};
 use crate::safety::{EmergencyStop, Safety};
 use crate::shutter::Shutter;
 use crate::storage;
@@ -99,16 +99,16 @@ impl<B: Board> Controller<B> {
         let mut options = options;
         let stored = options.storage.as_mut().and_then(|storage| storage::load(&mut **storage));
         let configuration = stored.filter(|stored| parameters::validate(stored).is_ok());
-        let Peripherals { axes, shutter, lamp, lamp_level, photodiode, emergency_stop, link } = peripherals;
+        let Peripherals { axes, steps, shutter, lamp, lamp_level, photodiode, emergency_stop, link } = peripherals;
         let mut stall = core::mem::take(&mut options.stall).into_iter();
         let mut number = 0..;
-        let [pan, tilt, roll, light] = axes.map(|AxisPins { step, direction, enable, home }| {
+        let [pan, tilt, roll, light] = axes.map(|AxisPins { direction, enable, home }| {
             let drive = AxisDrive::new(number.next().unwrap_or(0), direction, enable);
-            (drive, StepPins { step, home, stall: stall.next().flatten() })
+            (drive, Inputs { home, stall: stall.next().flatten() })
         });
         Self {
             axes: [pan.0, tilt.0, roll.0, light.0],
-            pulses: Pulses::new([pan.1, tilt.1, roll.1, light.1]),
+            pulses: Pulses::new(steps, [pan.1, tilt.1, roll.1, light.1]),
             now_us: 0,
             poll_us: None,
             options,
@@ -130,7 +130,7 @@ impl<B: Board> Controller<B> {
             return self.task_us().min(self.lease_end_us());
         };
         let wait = |next: u32| (next.wrapping_sub(self.now_us as u32) as i32).max(0) as u32;
-        let step_us = self.pulses.next_us().map_or(u64::MAX, |next| self.now_us + u64::from(wait(next)));
+        let step_us = self.pulses.trains.next_us().map_or(u64::MAX, |next| self.now_us + u64::from(wait(next)));
         step_us.min(poll_us)
     }
 
@@ -216,7 +216,7 @@ impl<B: Board> Controller<B> {
             watchdog.feed();
         }
         self.link.flush();
-        let moving = self.axes.iter().any(AxisDrive::moving) || self.pulses.next_us().is_some();
+        let moving = self.axes.iter().any(AxisDrive::moving) || self.pulses.trains.next_us().is_some();
         let due_us = || self.task_us().min(self.lease_end_us()).min(now_us + POLL_EVERY_US);
         self.poll_us = moving.then(due_us);
     }
@@ -356,7 +356,7 @@ impl<B: Board> Controller<B> {
     }
 
     fn positions(&self) -> [i32; AXES] {
-        array::from_fn(|axis| self.pulses.position(axis))
+        array::from_fn(|axis| self.pulses.trains.position(axis))
     }
 
     /// Polls the axes or the shutter for the task, and ends it when it is done.

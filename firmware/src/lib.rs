@@ -17,5 +17,5 @@ pub mod safety;
 mod shutter;
 pub mod storage;
 
-pub use board::{AnalogInput, AxisPins, Board, ByteLink, Options, Peripherals, Watchdog};
+pub use board::{AnalogInput, AxisPins, Board, ByteLink, Options, Peripherals, StepPins, Watchdog};
 pub use controller::Controller;

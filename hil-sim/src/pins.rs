@@ -92,6 +92,7 @@ pub(crate) struct SimulatedBoard;
 
 impl Board for SimulatedBoard {
     type Output = Output;
+    type Steps = [Output; 4];
     type Input = Input;
     type LampLevel = Dimmer;
     type Photodiode = Photodiode;
@@ -104,11 +105,11 @@ pub(crate) fn peripherals(bench: &Arc<Bench>) -> Peripherals<SimulatedBoard> {
     let input = |role| Input { bench: Arc::clone(bench), role };
     Peripherals {
         axes: std::array::from_fn(|axis| AxisPins {
-            step: output(OutputRole::Step(axis)),
             direction: output(OutputRole::Direction(axis)),
             enable: output(OutputRole::Enable(axis)),
             home: input(InputRole::Home(axis)),
         }),
+        steps: std::array::from_fn(|axis| output(OutputRole::Step(axis))),
         shutter: output(OutputRole::Shutter),
         lamp: output(OutputRole::Lamp),
         lamp_level: Dimmer(Arc::clone(bench)),

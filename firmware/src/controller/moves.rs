@@ -92,7 +92,7 @@ impl<B: Board> Controller<B> {
         targets: [i32; AXES],
     ) -> Result<Task, PinFailure> {
         let mut plans: [Plan; AXES] = array::from_fn(|k| {
-            self.axes[k].plan(self.pulses.position(k), targets[k], &configuration.axes[k])
+            self.axes[k].plan(self.pulses.trains.position(k), targets[k], &configuration.axes[k])
         });
         if configuration.coordinated {
             let slowest = plans.iter().map(Plan::total).max().unwrap_or(0);

@@ -156,7 +156,7 @@ impl Homing {
         p: &AxisParameters,
     ) {
         self.phase = Phase::Done;
-        let position = pulses.position(axis.axis());
+        let position = pulses.trains.position(axis.axis());
         match self.purpose {
             Purpose::Home { .. } => axis.homed(pulses, p.home_position + (position - edge)),
             Purpose::Check => {
@@ -180,7 +180,7 @@ impl Homing {
         let fast = matches!(phase, Phase::Seek | Phase::BackOff);
         let speed = if fast { p.home_speed } else { p.home_slow_speed };
         let upward = toward_switch == (p.home_direction == HomeDirection::Positive);
-        let position = pulses.position(axis.axis());
+        let position = pulses.trains.position(axis.axis());
         let target = if upward {
             position.saturating_add_unsigned(p.home_travel)
         } else {

@@ -119,9 +119,9 @@ impl<P: OutputPin> AxisDrive<P> {
             let end_us = (end + self.late).div_ceil(1 << TICK_SHIFT);
             // The last pulse may end a little after the run.
             if end_us <= now_us { now_us + 1 } else { end_us }
-        } else if self.stepper.running() && !pulses.has_room(self.axis) {
+        } else if self.stepper.running() && !pulses.trains.has_room(self.axis) {
             now_us
-                .saturating_add_signed(i64::from(pulses.ebb(self.axis, now_us as u32) >> TICK_SHIFT))
+                .saturating_add_signed(i64::from(pulses.trains.ebb(self.axis, now_us as u32) >> TICK_SHIFT))
                 .max(now_us + 1)
         } else {
             u64::MAX
@@ -175,7 +175,7 @@ impl<P: OutputPin> AxisDrive<P> {
         target: i32,
         p: &AxisParameters,
     ) -> bool {
-        let position = pulses.planned_position(self.axis);
+        let position = pulses.trains.planned_position(self.axis);
         let turned = nearest_turn(position, target, p.full_turn_steps);
         // Only on a single upward run: then the play is taken up at the new target as it would be at the old one.
         let upward = self.stepper.forward() && self.approach.is_none() && self.ends_taken_up;
@@ -203,7 +203,7 @@ impl<P: OutputPin> AxisDrive<P> {
         self.renamed = None;
         self.guard = Guard::None;
         self.limits = Limits { speed, ..limits(p) };
-        let times = Times::shortest(target.abs_diff(pulses.position(self.axis)), self.limits);
+        let times = Times::shortest(target.abs_diff(pulses.trains.position(self.axis)), self.limits);
         self.start(pulses, now_us, target, times)
     }
 
@@ -214,7 +214,7 @@ impl<P: OutputPin> AxisDrive<P> {
         target: i32,
         times: Times,
     ) -> Result<(), PinFailure> {
-        let position = pulses.position(self.axis);
+        let position = pulses.trains.position(self.axis);
         let upward = target > position;
         set(&mut self.enable, true)?;
         set(&mut self.direction, upward)?;
@@ -234,14 +234,14 @@ impl<P: OutputPin> AxisDrive<P> {
     /// Ends the present run after `distance` more steps, or as soon as the ramp allows: with a halt on the way if it is still
     /// speeding up.
     pub(crate) fn shorten<B: Board>(&mut self, pulses: &Pulses<B>, now_us: u64, distance: u32) {
-        let position = pulses.position(self.axis);
+        let position = pulses.trains.position(self.axis);
         let forward = self.stepper.forward();
         let target = if forward {
             position.saturating_add_unsigned(distance)
         } else {
             position.saturating_sub_unsigned(distance)
         };
-        let ahead = i64::from(target) - i64::from(pulses.planned_position(self.axis));
+        let ahead = i64::from(target) - i64::from(pulses.trains.planned_position(self.axis));
         let now = self.on_time(now_us);
         if !self.stepper.redirect(now, if forward { ahead } else { -ahead }) {
             self.stepper.brake(now);
@@ -273,14 +273,14 @@ impl<P: OutputPin> AxisDrive<P> {
 
     /// Takes the present position for `position`, reached upward with the play taken up.
     pub(crate) fn homed<B: Board>(&mut self, pulses: &mut Pulses<B>, position: i32) {
-        pulses.set_position(self.axis, position);
+        pulses.trains.set_position(self.axis, position);
         self.known = true;
         self.taken_up = true;
     }
 
     /// Forgets the position, to count from 0.
     pub(crate) fn forget<B: Board>(&mut self, pulses: &mut Pulses<B>) {
-        pulses.set_position(self.axis, 0);
+        pulses.trains.set_position(self.axis, 0);
         self.known = false;
         self.taken_up = false;
     }
@@ -290,10 +290,10 @@ impl<P: OutputPin> AxisDrive<P> {
         if !self.stepper.running() {
             return Ok(());
         }
-        self.late += u64::from(pulses.late(self.axis).wrapping_sub(self.late as u32));
+        self.late += u64::from(pulses.trains.late(self.axis).wrapping_sub(self.late as u32));
         self.refill(pulses, now_us);
         let ended = self.stepper.end().is_some_and(|end| self.on_time(now_us) >= end);
-        if ended && pulses.resting(self.axis) { self.end_run(pulses, now_us) } else { Ok(()) }
+        if ended && pulses.trains.resting(self.axis) { self.end_run(pulses, now_us) } else { Ok(()) }
     }
 
     /// The time in ticks at which the plan would be if no step had been late.
@@ -303,17 +303,17 @@ impl<P: OutputPin> AxisDrive<P> {
 
     fn refill<B: Board>(&mut self, pulses: &mut Pulses<B>, now_us: u64) {
         let before = self.on_time(now_us) + AHEAD;
-        while pulses.has_room(self.axis)
+        while pulses.trains.has_room(self.axis)
             && let Some(burst) = self.stepper.next_burst(before)
         {
-            pulses.push(self.axis, now_us as u32, burst);
+            pulses.trains.push(self.axis, now_us as u32, burst);
         }
     }
 
     /// At the end of a run: begins the approach, or notes that the move is done.
     fn end_run<B: Board>(&mut self, pulses: &mut Pulses<B>, now_us: u64) -> Result<(), PinFailure> {
         self.stepper.halt();
-        let position = pulses.position(self.axis);
+        let position = pulses.trains.position(self.axis);
         if let Some(target) = self.onward.take()
             && target != position
             && (target > position) == self.stepper.forward()
@@ -326,7 +326,7 @@ impl<P: OutputPin> AxisDrive<P> {
         }
         self.taken_up = self.ends_taken_up;
         if let Some(name) = self.renamed.take() {
-            pulses.set_position(self.axis, name);
+            pulses.trains.set_position(self.axis, name);
         }
         Ok(())
     }

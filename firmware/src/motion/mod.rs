@@ -1,5 +1,5 @@
 //! Motion: profiles limited in jerk ([`profile`], [`brake`]) in fixed point ([`fixed`]); the plan of the steps that follow
-//! them ([`stepper`]), handed over in bursts ([`burst`]) to what makes them ([`pulses`]); an axis with its approach from one
+//! them ([`stepper`]), handed over in bursts ([`burst`]) to what tells when pins change ([`trains`]); those pins ([`pulses`]); an axis with its approach from one
 //! side ([`axis`]), and what parameters are allowed ([`parameters`]).
 
 pub(crate) mod axis;
@@ -10,3 +10,4 @@ pub(crate) mod parameters;
 pub(crate) mod profile;
 pub(crate) mod pulses;
 pub(crate) mod stepper;
+pub(crate) mod trains;

@@ -13,10 +13,10 @@ use lobelia_protocol::{
 
 use crate::link::{Received, ToSend};
 
-/// Highest speed of the first axis in steps/s; each further one goes a little slower.
-const SPEED: u32 = 20_000;
-/// Steps of the first axis's move; the others' moves take as long.
-const STEPS: u32 = 4000;
+/// Highest speed of the first axis in steps/s; each further one goes a little slower, so that four make 400,000 steps/s.
+const SPEED: u32 = 120_000;
+/// Steps of the first axis's move; the others' moves take about as long. A sixth of them is in the ramps.
+const STEPS: u32 = 60_000;
 
 /// Where all axes are before the first move, in steps.
 const START: i32 = 100;
@@ -75,7 +75,7 @@ impl<B: Board> Session<B> {
                 return (polls, counts);
             }
             self.now_us = next.max(self.now_us);
-            self.controller.poll(self.now_us);
+            self.controller.tick(self.now_us);
             beside(next);
             let now = counter();
             counts += u64::from(now.wrapping_sub(last));
@@ -99,8 +99,12 @@ impl<B: Board> Session<B> {
     }
 }
 
-/// Acceleration in steps/s²: the ramp is a tenth of the move.
-const ACCELERATION: u32 = SPEED * SPEED / STEPS * 10;
+/// Acceleration in steps/s².
+const ACCELERATION: u32 = 2_000_000;
+/// Jerk in steps/s³.
+const JERK: u32 = 100_000_000;
+/// Steps below its target that a downward move goes to before it ends upward.
+const TAKE_UP: u32 = 20;
 
 /// Speed of an axis in steps/s.
 fn speed(axis: usize) -> u32 {
@@ -113,10 +117,9 @@ fn configuration() -> Configuration {
         max_steps: 500_000,
         max_speed: speed(axis),
         acceleration: ACCELERATION,
-        // A tenth of the time of a ramp to build the acceleration up.
-        jerk: (10 * (ACCELERATION as u64) * (ACCELERATION as u64) / (SPEED as u64)) as u32,
+        jerk: JERK,
         full_turn_steps: 0,
-        take_up_steps: 20,
+        take_up_steps: TAKE_UP,
         settle_ms: 0,
         home_direction: HomeDirection::Negative,
         home_position: -100,
@@ -139,7 +142,7 @@ fn configuration() -> Configuration {
     }
 }
 
-/// Moves one to four axes and tells `report` what each move cost. `counter` counts upward and wraps at 32 bits;
+/// Moves one to four axes there and back, and tells `report` what each move cost. `counter` counts upward and wraps at 32 bits;
 /// `beside` does what the board's loop does for each poll. False if the controller refused something.
 ///
 /// The board's link interrupt has to be off: `received` and `to_send` are its rings, whose other ends are here.
@@ -154,23 +157,30 @@ pub fn measure<B: Board>(
     let mut session = Session { controller, received, to_send, now_us: 0, last_id: 0 };
     session.send(&ToController::Hello(Hello::new(1)));
     session.run(&mut counter, |_| {});
-    let mut at = [START; AXES];
+    let at = [START; AXES];
     for command in [Command::Configure(configuration()), Command::Home, Command::MoveTo(at)] {
         if session.request(command, &mut counter, |_| {}).is_none() {
             return false;
         }
     }
     for axes in 1..=AXES {
+        let mut to = at;
         let mut steps = 0;
-        for (axis, at) in at.iter_mut().enumerate().take(axes) {
-            let by = STEPS * (speed(axis) / 100) / (SPEED / 100);
-            *at += by as i32;
-            steps += by;
+        for (axis, to) in to.iter_mut().enumerate().take(axes) {
+            let by = STEPS / 100 * (speed(axis) / 100) / (SPEED / 100) * 100;
+            *to += by as i32;
+            steps += 2 * (by + TAKE_UP);
         }
-        let Some((polls, counts)) = session.request(Command::MoveTo(at), &mut counter, &mut beside) else {
-            return false;
-        };
-        report(Cost { axes, steps, polls, counts });
+        // Away from the home switch, and toward it, when it is watched.
+        let mut cost = Cost { axes, steps, polls: 0, counts: 0 };
+        for targets in [to, at] {
+            let Some((polls, counts)) = session.request(Command::MoveTo(targets), &mut counter, &mut beside) else {
+                return false;
+            };
+            cost.polls += polls;
+            cost.counts += counts;
+        }
+        report(cost);
     }
     true
 }

@@ -88,6 +88,7 @@ impl Watchdog for Dog {
 
 impl Board for TestBoard {
     type Output = Pin;
+    type Steps = [Pin; 4];
     type Input = Pin;
     type LampLevel = Dimmer;
     type Photodiode = Diode;
@@ -226,11 +227,11 @@ impl Rig {
         let pin = |role| Pin(Rc::clone(&bench), role);
         let peripherals = Peripherals {
             axes: std::array::from_fn(|axis| AxisPins {
-                step: pin(Role::Step(axis)),
                 direction: pin(Role::Direction(axis)),
                 enable: pin(Role::Enable(axis)),
                 home: pin(Role::Home(axis)),
             }),
+            steps: std::array::from_fn(|axis| pin(Role::Step(axis))),
             shutter: pin(Role::Shutter),
             lamp: pin(Role::Lamp),
             lamp_level: Dimmer(Rc::clone(&bench)),

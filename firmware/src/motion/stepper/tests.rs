@@ -3,95 +3,28 @@
 extern crate std;
 use std::vec::Vec;
 
-use core::convert::Infallible;
-
-use embedded_hal::digital::{ErrorType, InputPin, OutputPin};
-use embedded_hal::pwm::{self, SetDutyCycle};
 use proptest::prelude::*;
 
 use super::*;
-use crate::board::{AnalogInput, Board, ByteLink};
-use crate::motion::pulses::{Pulses, StepPins, Watch};
+use crate::motion::trains::Trains;
 
-/// Pins and all else of a board on which nothing happens.
-struct Nothing;
-
-impl Board for Nothing {
-    type Output = Nothing;
-    type Input = Nothing;
-    type LampLevel = Nothing;
-    type Photodiode = Nothing;
-    type Link = Nothing;
-}
-
-impl ErrorType for Nothing {
-    type Error = Infallible;
-}
-
-impl OutputPin for Nothing {
-    fn set_low(&mut self) -> Result<(), Infallible> {
-        Ok(())
-    }
-    fn set_high(&mut self) -> Result<(), Infallible> {
-        Ok(())
-    }
-}
-
-impl InputPin for Nothing {
-    fn is_high(&mut self) -> Result<bool, Infallible> {
-        Ok(false)
-    }
-    fn is_low(&mut self) -> Result<bool, Infallible> {
-        Ok(true)
-    }
-}
-
-impl pwm::ErrorType for Nothing {
-    type Error = Infallible;
-}
-
-impl SetDutyCycle for Nothing {
-    fn max_duty_cycle(&self) -> u16 {
-        1
-    }
-    fn set_duty_cycle(&mut self, _: u16) -> Result<(), Infallible> {
-        Ok(())
-    }
-}
-
-impl AnalogInput for Nothing {
-    fn read(&mut self) -> Option<u16> {
-        None
-    }
-}
-
-impl ByteLink for Nothing {
-    fn read(&mut self) -> Option<u8> {
-        None
-    }
-    fn write(&mut self, _: u8) -> bool {
-        false
-    }
-}
-
-/// A stepper and the pulses of its axis, called at just the times that they ask for.
+/// A stepper and the trains that it feeds, called at just the times that they ask for.
 struct Motor {
     stepper: Stepper,
-    pulses: Pulses<Nothing>,
+    trains: Trains,
     now_us: u64,
     late: u64,
 }
 
 impl Motor {
     fn new(now_us: u64) -> Self {
-        let pins = [(); 4].map(|()| StepPins { step: Nothing, home: Nothing, stall: None });
-        Self { stepper: Stepper::default(), pulses: Pulses::new(pins), now_us, late: 0 }
+        Self { stepper: Stepper::default(), trains: Trains::default(), now_us, late: 0 }
     }
 
     fn start(&mut self, target: i32, limits: Limits, times: Times) {
         let position = self.position();
         let forward = target > position;
-        self.pulses.begin(0, forward, Watch::Nothing);
+        self.trains.begin(0, forward);
         self.late = 0;
         self.stepper.start(self.now_us << TICK_SHIFT, forward, target.abs_diff(position), limits, times);
     }
@@ -101,7 +34,7 @@ impl Motor {
     }
 
     fn position(&self) -> i32 {
-        self.pulses.position(0)
+        self.trains.position(0)
     }
 
     fn on_time(&self) -> u64 {
@@ -113,20 +46,20 @@ impl Motor {
     }
 
     fn redirect(&mut self, target: i32) -> bool {
-        let ahead = i64::from(target) - i64::from(self.pulses.planned_position(0));
+        let ahead = i64::from(target) - i64::from(self.trains.planned_position(0));
         self.stepper.redirect(self.on_time(), if self.stepper.forward() { ahead } else { -ahead })
     }
 
     /// When something is due.
     fn next_us(&mut self) -> u64 {
-        self.late += u64::from(self.pulses.late(0).wrapping_sub(self.late as u32));
+        self.late += u64::from(self.trains.late(0).wrapping_sub(self.late as u32));
         let before = self.on_time() + (2000 << TICK_SHIFT);
-        while self.pulses.has_room(0)
+        while self.trains.has_room(0)
             && let Some(burst) = self.stepper.next_burst(before)
         {
-            self.pulses.push(0, self.now_us as u32, burst);
+            self.trains.push(0, self.now_us as u32, burst);
         }
-        if let Some(next) = self.pulses.next_us() {
+        if let Some(next) = self.trains.next_us() {
             return self.now_us + u64::from(next.wrapping_sub(self.now_us as u32));
         }
         let wait_until = match (self.stepper.end(), &self.stepper.next) {
@@ -141,8 +74,8 @@ impl Motor {
     fn pass(&mut self, late_us: u64) -> Option<u64> {
         self.now_us = self.next_us() + late_us;
         let before = self.position();
-        self.pulses.step(self.now_us as u32);
-        if self.stepper.end().is_some_and(|end| self.on_time() >= end) && self.pulses.resting(0) {
+        self.trains.step(self.now_us as u32);
+        if self.stepper.end().is_some_and(|end| self.on_time() >= end) && self.trains.resting(0) {
             self.stepper.halt();
         }
         (self.position() != before).then_some(self.now_us)
@@ -285,7 +218,7 @@ proptest! {
         from in -100_000..100_000i32, distance in -8_000..8_000i32, limits in limits(), slower in 1.0..9.0f64,
     ) {
         let mut motor = Motor::new(5);
-        motor.pulses.set_position(0, from);
+        motor.trains.set_position(0, from);
         let times = Times::shortest(distance.unsigned_abs(), limits);
         let total = (times.total() as f64 * slower) as u64;
         motor.start(from + distance, limits, times.stretched(total.max(times.total())));
