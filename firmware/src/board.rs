@@ -8,6 +8,7 @@ use embedded_hal::digital::{InputPin, OutputPin};
 use embedded_hal::pwm::SetDutyCycle;
 use lobelia_protocol::{AXES, CrashRecord};
 
+pub use crate::motion::pulses::{Pulses, PulsesCell};
 use crate::safety::EmergencyStop;
 use crate::storage::Storage;
 
@@ -46,11 +47,13 @@ impl<P: OutputPin> StepPins for [P; AXES] {
 }
 
 /// A board's types. Output pins share one type and so do inputs: use the board's erased pins.
-pub trait Board {
+pub trait Board: Sized {
     /// An output pin.
     type Output: OutputPin;
     /// The step pins: `[Self::Output; 4]`, or on a board that has them on one port what writes them at once.
-    type Steps: StepPins;
+    type StepPort: StepPins;
+    /// Where the steps are kept: `Pulses<Self>`, or where an interrupt finds them too.
+    type Pulses: PulsesCell<Self>;
     /// An input pin.
     type Input: InputPin;
     /// The lamp's dimmer.
@@ -76,7 +79,7 @@ pub struct Peripherals<B: Board> {
     /// Pan, tilt, roll, light.
     pub axes: [AxisPins<B>; AXES],
     /// Of the same.
-    pub steps: B::Steps,
+    pub steps: B::StepPort,
     /// High: open.
     pub shutter: B::Output,
     /// High: the lamp burns.

@@ -17,7 +17,7 @@ use crate::lamp::Lamp;
 use crate::link::{Admission, Link};
 use crate::motion::axis::AxisDrive;
 use crate::motion::parameters;
-use crate::motion::pulses::{Inputs, Pulses};
+use crate::motion::pulses::{Pulses, PulsesCell};
 use crate::safety::{EmergencyStop, Safety};
 use crate::shutter::Shutter;
 use crate::storage;
@@ -71,10 +71,12 @@ const POLL_EVERY_US: u64 = 500;
 
 /// The controller of a rig.
 pub struct Controller<B: Board> {
-    axes: [AxisDrive<B::Output>; AXES],
-    pulses: Pulses<B>,
-    /// The time, and when [`Self::poll`] is due, unless no axis moves.
+    axes: [AxisDrive<B>; AXES],
+    pulses: B::Pulses,
+    /// The time when the controller was last called, and when the next step is due.
     now_us: u64,
+    step_us: Option<u32>,
+    /// While axes move: when [`Self::poll`] is due.
     poll_us: Option<u64>,
     options: Options<B>,
     lamp: Lamp<B::Output, B::LampLevel>,
@@ -99,17 +101,17 @@ impl<B: Board> Controller<B> {
         let mut options = options;
         let stored = options.storage.as_mut().and_then(|storage| storage::load(&mut **storage));
         let configuration = stored.filter(|stored| parameters::validate(stored).is_ok());
-        let Peripherals { axes, steps, shutter, lamp, lamp_level, photodiode, emergency_stop, link } = peripherals;
-        let mut stall = core::mem::take(&mut options.stall).into_iter();
+        let Peripherals { axes, steps, shutter, lamp, lamp_level, photodiode, emergency_stop, link } =
+            peripherals;
         let mut number = 0..;
         let [pan, tilt, roll, light] = axes.map(|AxisPins { direction, enable, home }| {
-            let drive = AxisDrive::new(number.next().unwrap_or(0), direction, enable);
-            (drive, Inputs { home, stall: stall.next().flatten() })
+            (AxisDrive::new(number.next().unwrap_or(0), direction, enable), home)
         });
         Self {
             axes: [pan.0, tilt.0, roll.0, light.0],
-            pulses: Pulses::new(steps, [pan.1, tilt.1, roll.1, light.1]),
+            pulses: B::Pulses::keep(Pulses::new(steps, [pan.1, tilt.1, roll.1, light.1])),
             now_us: 0,
+            step_us: None,
             poll_us: None,
             options,
             lamp: Lamp::new(lamp, lamp_level),
@@ -126,26 +128,37 @@ impl<B: Board> Controller<B> {
     /// When [`Self::tick`] has to be called next, unless a byte or the emergency stop comes first; in µs, and
     /// `u64::MAX` when nothing is under way.
     pub fn next_event_us(&self) -> u64 {
-        let Some(poll_us) = self.poll_us else {
-            return self.task_us().min(self.lease_end_us());
-        };
         let wait = |next: u32| (next.wrapping_sub(self.now_us as u32) as i32).max(0) as u32;
-        let step_us = self.pulses.trains.next_us().map_or(u64::MAX, |next| self.now_us + u64::from(wait(next)));
-        step_us.min(poll_us)
+        let step_us = self.step_us.map_or(u64::MAX, |next| self.now_us + u64::from(wait(next)));
+        step_us.min(self.next_poll_us())
     }
 
+    /// When [`Self::poll`] has to be called next where an interrupt makes the steps, as [`Self::next_event_us`] where none does.
+    pub fn next_poll_us(&self) -> u64 {
+        self.poll_us.unwrap_or_else(|| self.task_us().min(self.lease_end_us()))
+    }
+
+    /// When something is due for the task other than motion.
     fn task_us(&self) -> u64 {
-        let Some(running) = &self.running else {
-            return u64::MAX;
-        };
-        match &running.task {
-            Task::Settle { until_us, .. } => *until_us,
-            Task::AwaitCamera { look_us, .. } => *look_us,
-            Task::Expose { .. } => self.shutter.next_us(),
-            Task::Move { .. } | Task::Turn { .. } | Task::Home(..) | Task::Stop => {
-                self.axes.iter().map(|axis| axis.next_us(&self.pulses, self.now_us)).min().unwrap_or(u64::MAX)
-            }
+        match self.running.as_ref().map(|running| &running.task) {
+            Some(Task::Settle { until_us, .. }) => *until_us,
+            Some(Task::AwaitCamera { look_us, .. }) => *look_us,
+            Some(Task::Expose { .. }) => self.shutter.next_us(),
+            Some(Task::Move { .. } | Task::Turn { .. } | Task::Home(..) | Task::Stop) | None => u64::MAX,
         }
+    }
+
+    /// When the axes have to be polled; `None` while none moves or has to.
+    fn motion_us(&mut self, now_us: u64) -> Option<u64> {
+        let task = self.running.as_ref().map(|running| &running.task);
+        let ought = matches!(task, Some(Task::Move { .. } | Task::Turn { .. } | Task::Home(..) | Task::Stop));
+        if !self.axes.iter().any(AxisDrive::moving) {
+            let pulses_end = self.step_us.is_some();
+            return (ought || pulses_end).then_some(now_us + if ought { 1 } else { POLL_EVERY_US });
+        }
+        let pulses = &mut self.pulses;
+        let axes_us = self.axes.iter().map(|axis| axis.next_us(pulses, now_us)).min().unwrap_or(u64::MAX);
+        Some(axes_us.min(self.lease_end_us()).min(now_us + POLL_EVERY_US))
     }
 
     /// Which axes are under way.
@@ -158,8 +171,9 @@ impl<B: Board> Controller<B> {
     pub fn tick(&mut self, now_us: u64) {
         self.now_us = now_us;
         if self.poll_us.is_some_and(|poll_us| now_us < poll_us) {
-            self.pulses.step(now_us as u32);
-            if !self.pulses.tripped() {
+            let (next, tripped) = self.pulses.with(|pulses| (pulses.step(now_us as u32), pulses.tripped()));
+            self.step_us = next;
+            if !tripped {
                 return;
             }
         }
@@ -170,7 +184,7 @@ impl<B: Board> Controller<B> {
     pub fn poll(&mut self, now_us: u64) {
         self.now_us = now_us;
         // Steps before bytes: what a packet takes to decode must not delay them.
-        self.pulses.step(now_us as u32);
+        self.pulses.with(|pulses| pulses.step(now_us as u32));
         if self.options.emergency_stop.is_some_and(EmergencyStop::take) {
             self.raise(now_us, Fault::EmergencyStop, None);
         }
@@ -216,9 +230,8 @@ impl<B: Board> Controller<B> {
             watchdog.feed();
         }
         self.link.flush();
-        let moving = self.axes.iter().any(AxisDrive::moving) || self.pulses.trains.next_us().is_some();
-        let due_us = || self.task_us().min(self.lease_end_us()).min(now_us + POLL_EVERY_US);
-        self.poll_us = moving.then(due_us);
+        self.step_us = self.pulses.with(|pulses| pulses.trains.next_us());
+        self.poll_us = self.motion_us(now_us);
     }
 
     /// Ends what a host began that is no longer there.
@@ -339,7 +352,7 @@ impl<B: Board> Controller<B> {
     fn status(&mut self, now_us: u64) -> Result<Status, PinFailure> {
         let mut at_switch = [false; AXES];
         for (axis, at_switch) in at_switch.iter_mut().enumerate() {
-            *at_switch = self.pulses.at_switch(axis)?;
+            *at_switch = self.pulses.with(|pulses| pulses.at_switch(axis))?;
         }
         Ok(Status {
             positions: self.positions(),
@@ -355,8 +368,8 @@ impl<B: Board> Controller<B> {
         })
     }
 
-    fn positions(&self) -> [i32; AXES] {
-        array::from_fn(|axis| self.pulses.trains.position(axis))
+    fn positions(&mut self) -> [i32; AXES] {
+        self.pulses.with(|pulses| array::from_fn(|axis| pulses.trains.position(axis)))
     }
 
     /// Polls the axes or the shutter for the task, and ends it when it is done.

@@ -17,5 +17,7 @@ pub mod safety;
 mod shutter;
 pub mod storage;
 
-pub use board::{AnalogInput, AxisPins, Board, ByteLink, Options, Peripherals, StepPins, Watchdog};
+pub use board::{
+    AnalogInput, AxisPins, Board, ByteLink, Options, Peripherals, Pulses, PulsesCell, StepPins, Watchdog,
+};
 pub use controller::Controller;

@@ -7,7 +7,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use embedded_hal::digital::{self, InputPin, OutputPin};
 use embedded_hal::pwm::{self, SetDutyCycle};
-use lobelia_firmware::{AnalogInput, AxisPins, Board, ByteLink, Peripherals};
+use lobelia_firmware::{AnalogInput, AxisPins, Board, ByteLink, Peripherals, Pulses};
 
 use crate::config::MechanicsConfig;
 use crate::lamp::Lamp;
@@ -92,7 +92,8 @@ pub(crate) struct SimulatedBoard;
 
 impl Board for SimulatedBoard {
     type Output = Output;
-    type Steps = [Output; 4];
+    type StepPort = [Output; 4];
+    type Pulses = Pulses<Self>;
     type Input = Input;
     type LampLevel = Dimmer;
     type Photodiode = Photodiode;

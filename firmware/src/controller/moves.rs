@@ -6,10 +6,10 @@ use core::array;
 use lobelia_protocol::{AXES, Answer, Axis, Configuration, Fault, Field, HomingReport, Outcome, Refusal};
 
 use super::{Controller, Running, Task, Trouble};
-use crate::board::{Board, PinFailure};
+use crate::board::{Board, PinFailure, is_high};
 use crate::homing::{Homing, Progress, Purpose};
 use crate::motion::axis::Plan;
-use crate::motion::pulses::Trip;
+use crate::motion::pulses::{PulsesCell, Trip};
 
 /// How often a homing may approach its switch.
 const APPROACHES: core::ops::RangeInclusive<u8> = 1..=100;
@@ -34,7 +34,7 @@ impl<B: Board> Controller<B> {
     }
 
     /// The answer to a search that has ended.
-    pub(super) fn found(&self, purpose: Purpose, searches: &[Option<Homing>; AXES]) -> Answer {
+    pub(super) fn found(&mut self, purpose: Purpose, searches: &[Option<Homing>; AXES]) -> Answer {
         let of = |get: fn(&Homing) -> i32| searches.each_ref().map(|search| search.as_ref().map_or(0, get));
         match purpose {
             Purpose::Home { approaches: 1 } => Answer::At(self.positions()),
@@ -91,9 +91,9 @@ impl<B: Board> Controller<B> {
         configuration: &Configuration,
         targets: [i32; AXES],
     ) -> Result<Task, PinFailure> {
-        let mut plans: [Plan; AXES] = array::from_fn(|k| {
-            self.axes[k].plan(self.pulses.trains.position(k), targets[k], &configuration.axes[k])
-        });
+        let positions = self.positions();
+        let mut plans: [Plan; AXES] =
+            array::from_fn(|k| self.axes[k].plan(positions[k], targets[k], &configuration.axes[k]));
         if configuration.coordinated {
             let slowest = plans.iter().map(Plan::total).max().unwrap_or(0);
             plans = plans.map(|plan| plan.stretched(slowest));
@@ -128,7 +128,7 @@ impl<B: Board> Controller<B> {
         }
         // Axes that go on alone would not arrive with the others.
         for ((axis, p), target) in self.axes.iter_mut().zip(&configuration.axes).zip(targets) {
-            if configuration.coordinated || !axis.redirect(&self.pulses, now_us, target, p) {
+            if configuration.coordinated || !axis.redirect(&mut self.pulses, now_us, target, p) {
                 axis.stop(now_us);
             }
         }
@@ -139,11 +139,16 @@ impl<B: Board> Controller<B> {
     pub(super) fn advance_axis(&mut self, now_us: u64, axis: Axis, task: &mut Task) -> Result<(), Fault> {
         let drive = &mut self.axes[axis.index()];
         let pulses = &mut self.pulses;
-        match pulses.take_trip(axis.index()) {
+        match pulses.with(|pulses| pulses.take_trip(axis.index())) {
             None => {}
             Some(Trip::Limit) => return Err(Fault::LimitHit),
-            Some(Trip::Stall) => return Err(Fault::Stall),
             Some(Trip::Pin) => return Err(Fault::Hardware),
+        }
+        if let Some(stall) = &mut self.options.stall[axis.index()]
+            && drive.stepped(pulses)
+            && is_high(stall).map_err(|_| Fault::Hardware)?
+        {
+            return Err(Fault::Stall);
         }
         let Some(parameters) = self.configuration.as_ref().map(|all| &all.axes[axis.index()]) else {
             return Ok(());

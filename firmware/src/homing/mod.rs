@@ -9,7 +9,7 @@ use lobelia_protocol::{AxisParameters, HomeDirection};
 
 use crate::board::{Board, PinFailure};
 use crate::motion::axis::AxisDrive;
-use crate::motion::pulses::Pulses;
+use crate::motion::pulses::PulsesCell;
 
 /// What an axis is doing to find its home.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -68,8 +68,8 @@ impl Homing {
     pub(crate) fn start<B: Board>(
         now_us: u64,
         purpose: Purpose,
-        axis: &mut AxisDrive<B::Output>,
-        pulses: &mut Pulses<B>,
+        axis: &mut AxisDrive<B>,
+        pulses: &mut B::Pulses,
         p: &AxisParameters,
     ) -> Result<Self, PinFailure> {
         let approaches_left = match purpose {
@@ -79,7 +79,8 @@ impl Homing {
             }
             Purpose::Check => 1,
         };
-        let phase = if pulses.at_switch(axis.axis())? { Phase::BackOff } else { Phase::Seek };
+        let phase =
+            if pulses.with(|pulses| pulses.at_switch(axis.axis()))? { Phase::BackOff } else { Phase::Seek };
         let mut homing = Self { purpose, phase, edge: None, approaches_left, edges: None, lost: 0 };
         homing.enter(phase, now_us, axis, pulses, p)?;
         Ok(homing)
@@ -100,12 +101,14 @@ impl Homing {
     pub(crate) fn watch<B: Board>(
         &mut self,
         now_us: u64,
-        axis: &mut AxisDrive<B::Output>,
-        pulses: &mut Pulses<B>,
+        axis: &mut AxisDrive<B>,
+        pulses: &mut B::Pulses,
         p: &AxisParameters,
     ) {
         let awaited = matches!(self.phase, Phase::Seek | Phase::SlowSeek);
-        let sight = pulses.sight(axis.axis(), now_us as u32).filter(|sight| sight.closed == awaited);
+        let sight = pulses
+            .with(|pulses| pulses.sight(axis.axis(), now_us as u32))
+            .filter(|sight| sight.closed == awaited);
         if self.edge.is_none()
             && let Some(sight) = sight
             && (now_us as u32).wrapping_sub(sight.since_us) >= p.home_debounce_us.into()
@@ -119,8 +122,8 @@ impl Homing {
     pub(crate) fn rested<B: Board>(
         &mut self,
         now_us: u64,
-        axis: &mut AxisDrive<B::Output>,
-        pulses: &mut Pulses<B>,
+        axis: &mut AxisDrive<B>,
+        pulses: &mut B::Pulses,
         p: &AxisParameters,
     ) -> Result<Progress, PinFailure> {
         if self.phase == Phase::Done {
@@ -151,12 +154,12 @@ impl Homing {
     fn conclude<B: Board>(
         &mut self,
         edge: i32,
-        axis: &mut AxisDrive<B::Output>,
-        pulses: &mut Pulses<B>,
+        axis: &mut AxisDrive<B>,
+        pulses: &mut B::Pulses,
         p: &AxisParameters,
     ) {
         self.phase = Phase::Done;
-        let position = pulses.trains.position(axis.axis());
+        let position = pulses.with(|pulses| pulses.trains.position(axis.axis()));
         match self.purpose {
             Purpose::Home { .. } => axis.homed(pulses, p.home_position + (position - edge)),
             Purpose::Check => {
@@ -170,8 +173,8 @@ impl Homing {
         &mut self,
         phase: Phase,
         now_us: u64,
-        axis: &mut AxisDrive<B::Output>,
-        pulses: &mut Pulses<B>,
+        axis: &mut AxisDrive<B>,
+        pulses: &mut B::Pulses,
         p: &AxisParameters,
     ) -> Result<(), PinFailure> {
         self.phase = phase;
@@ -180,7 +183,7 @@ impl Homing {
         let fast = matches!(phase, Phase::Seek | Phase::BackOff);
         let speed = if fast { p.home_speed } else { p.home_slow_speed };
         let upward = toward_switch == (p.home_direction == HomeDirection::Positive);
-        let position = pulses.trains.position(axis.axis());
+        let position = pulses.with(|pulses| pulses.trains.position(axis.axis()));
         let target = if upward {
             position.saturating_add_unsigned(p.home_travel)
         } else {

@@ -3,13 +3,12 @@
 //! Gears have play. The position that a motor step count stands for is the same each time only if the same flank pushes at the end,
 //! so a move that would end downward, or follow a motion that did, first goes `take_up` steps below its target.
 
-use embedded_hal::digital::OutputPin;
 use lobelia_protocol::{AxisParameters, HomeDirection};
 
 use crate::board::{Board, PinFailure, set};
 use crate::motion::fixed::TICK_SHIFT;
 use crate::motion::profile::{Limits, Times};
-use crate::motion::pulses::{Pulses, Watch};
+use crate::motion::pulses::{PulsesCell, Watch};
 use crate::motion::stepper::Stepper;
 
 /// Steps are handed over at least this long before they are due, in ticks: 2 ms.
@@ -61,13 +60,15 @@ enum Guard {
 }
 
 /// An axis's direction and enable pins, and its plan. Its steps are those of number `axis` of the [`Pulses`].
-pub(crate) struct AxisDrive<P> {
+pub(crate) struct AxisDrive<B: Board> {
     axis: usize,
-    direction: P,
-    enable: P,
+    direction: B::Output,
+    enable: B::Output,
     stepper: Stepper,
     /// Ticks by which steps were late since the run began.
     late: u64,
+    /// The position when last asked for a stall.
+    seen_at: i32,
     /// The approach that follows the present run.
     approach: Option<(i32, Times)>,
     /// Where to go on to, in the same direction, after braking short of it.
@@ -84,14 +85,15 @@ pub(crate) struct AxisDrive<P> {
     pub(crate) known: bool,
 }
 
-impl<P: OutputPin> AxisDrive<P> {
-    pub(crate) fn new(axis: usize, direction: P, enable: P) -> Self {
+impl<B: Board> AxisDrive<B> {
+    pub(crate) fn new(axis: usize, direction: B::Output, enable: B::Output) -> Self {
         Self {
             axis,
             direction,
             enable,
             stepper: Stepper::default(),
             late: 0,
+            seen_at: 0,
             approach: None,
             onward: None,
             limits: Limits::default(),
@@ -114,18 +116,26 @@ impl<P: OutputPin> AxisDrive<P> {
     }
 
     /// When this axis next has to be polled, in µs: at the run's end, or when too few bursts wait.
-    pub(crate) fn next_us<B: Board>(&self, pulses: &Pulses<B>, now_us: u64) -> u64 {
+    pub(crate) fn next_us(&self, pulses: &mut B::Pulses, now_us: u64) -> u64 {
         if let Some(end) = self.stepper.end() {
             let end_us = (end + self.late).div_ceil(1 << TICK_SHIFT);
             // The last pulse may end a little after the run.
             if end_us <= now_us { now_us + 1 } else { end_us }
-        } else if self.stepper.running() && !pulses.trains.has_room(self.axis) {
+        } else if self.stepper.running() && !pulses.with(|pulses| pulses.trains.has_room(self.axis)) {
             now_us
-                .saturating_add_signed(i64::from(pulses.trains.ebb(self.axis, now_us as u32) >> TICK_SHIFT))
+                .saturating_add_signed(i64::from(
+                    pulses.with(|pulses| pulses.trains.ebb(self.axis, now_us as u32)) >> TICK_SHIFT,
+                ))
                 .max(now_us + 1)
         } else {
             u64::MAX
         }
+    }
+
+    /// Whether steps were made since this was last asked.
+    pub(crate) fn stepped(&mut self, pulses: &mut B::Pulses) -> bool {
+        let position = pulses.with(|pulses| pulses.trains.position(self.axis));
+        core::mem::replace(&mut self.seen_at, position) != position
     }
 
     /// Plans a move from rest. On a full-turn axis it goes the shorter way.
@@ -145,9 +155,9 @@ impl<P: OutputPin> AxisDrive<P> {
     }
 
     /// Begins a planned move, at whose end the position is called `target`.
-    pub(crate) fn begin<B: Board>(
+    pub(crate) fn begin(
         &mut self,
-        pulses: &mut Pulses<B>,
+        pulses: &mut B::Pulses,
         now_us: u64,
         plan: &Plan,
         target: i32,
@@ -168,14 +178,14 @@ impl<P: OutputPin> AxisDrive<P> {
     }
 
     /// Changes the target of the move under way without braking; false, and nothing changed, where it can't be.
-    pub(crate) fn redirect<B: Board>(
+    pub(crate) fn redirect(
         &mut self,
-        pulses: &Pulses<B>,
+        pulses: &mut B::Pulses,
         now_us: u64,
         target: i32,
         p: &AxisParameters,
     ) -> bool {
-        let position = pulses.trains.planned_position(self.axis);
+        let position = pulses.with(|pulses| pulses.trains.planned_position(self.axis));
         let turned = nearest_turn(position, target, p.full_turn_steps);
         // Only on a single upward run: then the play is taken up at the new target as it would be at the old one.
         let upward = self.stepper.forward() && self.approach.is_none() && self.ends_taken_up;
@@ -190,9 +200,9 @@ impl<P: OutputPin> AxisDrive<P> {
     }
 
     /// Starts a single run without take-up that writes the home switch down, as homing needs.
-    pub(crate) fn run<B: Board>(
+    pub(crate) fn run(
         &mut self,
-        pulses: &mut Pulses<B>,
+        pulses: &mut B::Pulses,
         now_us: u64,
         target: i32,
         speed: u32,
@@ -203,18 +213,21 @@ impl<P: OutputPin> AxisDrive<P> {
         self.renamed = None;
         self.guard = Guard::None;
         self.limits = Limits { speed, ..limits(p) };
-        let times = Times::shortest(target.abs_diff(pulses.trains.position(self.axis)), self.limits);
+        let times = Times::shortest(
+            target.abs_diff(pulses.with(|pulses| pulses.trains.position(self.axis))),
+            self.limits,
+        );
         self.start(pulses, now_us, target, times)
     }
 
-    fn start<B: Board>(
+    fn start(
         &mut self,
-        pulses: &mut Pulses<B>,
+        pulses: &mut B::Pulses,
         now_us: u64,
         target: i32,
         times: Times,
     ) -> Result<(), PinFailure> {
-        let position = pulses.trains.position(self.axis);
+        let position = pulses.with(|pulses| pulses.trains.position(self.axis));
         let upward = target > position;
         set(&mut self.enable, true)?;
         set(&mut self.direction, upward)?;
@@ -224,7 +237,7 @@ impl<P: OutputPin> AxisDrive<P> {
             Guard::None if self.ends_taken_up => Watch::Nothing,
             Guard::None => Watch::Switch,
         };
-        pulses.begin(self.axis, upward, watch);
+        pulses.with(|pulses| pulses.begin(self.axis, upward, watch));
         self.late = 0;
         self.stepper.start(now_us << TICK_SHIFT, upward, target.abs_diff(position), self.limits, times);
         self.refill(pulses, now_us);
@@ -233,15 +246,16 @@ impl<P: OutputPin> AxisDrive<P> {
 
     /// Ends the present run after `distance` more steps, or as soon as the ramp allows: with a halt on the way if it is still
     /// speeding up.
-    pub(crate) fn shorten<B: Board>(&mut self, pulses: &Pulses<B>, now_us: u64, distance: u32) {
-        let position = pulses.trains.position(self.axis);
+    pub(crate) fn shorten(&mut self, pulses: &mut B::Pulses, now_us: u64, distance: u32) {
+        let position = pulses.with(|pulses| pulses.trains.position(self.axis));
         let forward = self.stepper.forward();
         let target = if forward {
             position.saturating_add_unsigned(distance)
         } else {
             position.saturating_sub_unsigned(distance)
         };
-        let ahead = i64::from(target) - i64::from(pulses.trains.planned_position(self.axis));
+        let ahead =
+            i64::from(target) - i64::from(pulses.with(|pulses| pulses.trains.planned_position(self.axis)));
         let now = self.on_time(now_us);
         if !self.stepper.redirect(now, if forward { ahead } else { -ahead }) {
             self.stepper.brake(now);
@@ -259,7 +273,7 @@ impl<P: OutputPin> AxisDrive<P> {
     }
 
     /// Ceases at once, releases the motor and forgets the position.
-    pub(crate) fn cut<B: Board>(&mut self, pulses: &mut Pulses<B>) -> Result<(), PinFailure> {
+    pub(crate) fn cut(&mut self, pulses: &mut B::Pulses) -> Result<(), PinFailure> {
         self.stepper.halt();
         self.approach = None;
         self.onward = None;
@@ -267,33 +281,38 @@ impl<P: OutputPin> AxisDrive<P> {
         self.taken_up = false;
         self.ends_taken_up = false;
         self.known = false;
-        let step = pulses.halt(self.axis);
+        let step = pulses.with(|pulses| pulses.halt(self.axis));
         set(&mut self.enable, false).and(step)
     }
 
     /// Takes the present position for `position`, reached upward with the play taken up.
-    pub(crate) fn homed<B: Board>(&mut self, pulses: &mut Pulses<B>, position: i32) {
-        pulses.trains.set_position(self.axis, position);
+    pub(crate) fn homed(&mut self, pulses: &mut B::Pulses, position: i32) {
+        pulses.with(|pulses| pulses.trains.set_position(self.axis, position));
         self.known = true;
         self.taken_up = true;
     }
 
     /// Forgets the position, to count from 0.
-    pub(crate) fn forget<B: Board>(&mut self, pulses: &mut Pulses<B>) {
-        pulses.trains.set_position(self.axis, 0);
+    pub(crate) fn forget(&mut self, pulses: &mut B::Pulses) {
+        pulses.with(|pulses| pulses.trains.set_position(self.axis, 0));
         self.known = false;
         self.taken_up = false;
     }
 
     /// Hands steps over in time, and goes on to what follows the run when it has ended.
-    pub(crate) fn poll<B: Board>(&mut self, pulses: &mut Pulses<B>, now_us: u64) -> Result<(), PinFailure> {
+    pub(crate) fn poll(&mut self, pulses: &mut B::Pulses, now_us: u64) -> Result<(), PinFailure> {
         if !self.stepper.running() {
             return Ok(());
         }
-        self.late += u64::from(pulses.trains.late(self.axis).wrapping_sub(self.late as u32));
+        self.late +=
+            u64::from(pulses.with(|pulses| pulses.trains.late(self.axis)).wrapping_sub(self.late as u32));
         self.refill(pulses, now_us);
         let ended = self.stepper.end().is_some_and(|end| self.on_time(now_us) >= end);
-        if ended && pulses.trains.resting(self.axis) { self.end_run(pulses, now_us) } else { Ok(()) }
+        if ended && pulses.with(|pulses| pulses.trains.resting(self.axis)) {
+            self.end_run(pulses, now_us)
+        } else {
+            Ok(())
+        }
     }
 
     /// The time in ticks at which the plan would be if no step had been late.
@@ -301,19 +320,19 @@ impl<P: OutputPin> AxisDrive<P> {
         (now_us << TICK_SHIFT).saturating_sub(self.late)
     }
 
-    fn refill<B: Board>(&mut self, pulses: &mut Pulses<B>, now_us: u64) {
+    fn refill(&mut self, pulses: &mut B::Pulses, now_us: u64) {
         let before = self.on_time(now_us) + AHEAD;
-        while pulses.trains.has_room(self.axis)
+        while pulses.with(|pulses| pulses.trains.has_room(self.axis))
             && let Some(burst) = self.stepper.next_burst(before)
         {
-            pulses.trains.push(self.axis, now_us as u32, burst);
+            pulses.with(|pulses| pulses.trains.push(self.axis, now_us as u32, burst));
         }
     }
 
     /// At the end of a run: begins the approach, or notes that the move is done.
-    fn end_run<B: Board>(&mut self, pulses: &mut Pulses<B>, now_us: u64) -> Result<(), PinFailure> {
+    fn end_run(&mut self, pulses: &mut B::Pulses, now_us: u64) -> Result<(), PinFailure> {
         self.stepper.halt();
-        let position = pulses.trains.position(self.axis);
+        let position = pulses.with(|pulses| pulses.trains.position(self.axis));
         if let Some(target) = self.onward.take()
             && target != position
             && (target > position) == self.stepper.forward()
@@ -326,7 +345,7 @@ impl<P: OutputPin> AxisDrive<P> {
         }
         self.taken_up = self.ends_taken_up;
         if let Some(name) = self.renamed.take() {
-            pulses.trains.set_position(self.axis, name);
+            pulses.with(|pulses| pulses.trains.set_position(self.axis, name));
         }
         Ok(())
     }

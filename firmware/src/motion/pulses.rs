@@ -1,4 +1,4 @@
-//! The step pins, and the inputs that have to be read at each step: home switches and stall outputs.
+//! The step pins, and the home switches, which have to be read at each step.
 
 use lobelia_protocol::AXES;
 
@@ -22,8 +22,6 @@ pub(crate) enum Watch {
 pub(crate) enum Trip {
     /// The home switch.
     Limit,
-    /// The driver's stall output.
-    Stall,
     /// A pin that could not be driven or read.
     Pin,
 }
@@ -38,40 +36,53 @@ pub(crate) struct Sight {
     pub(crate) since_us: u32,
 }
 
-/// The inputs of an axis.
-pub(crate) struct Inputs<P> {
-    pub(crate) home: P,
-    pub(crate) stall: Option<P>,
+/// Where a board keeps the steps: in the controller, which then has to make them by [`Controller::tick`](crate::Controller::tick),
+/// or where an interrupt finds them too, which makes them whatever the controller is doing.
+pub trait PulsesCell<B: Board> {
+    /// Keeps them.
+    fn keep(pulses: Pulses<B>) -> Self;
+    /// Does something with them, without the interrupt.
+    fn with<R>(&mut self, does: impl FnOnce(&mut Pulses<B>) -> R) -> R;
 }
 
-/// One axis's watch.
+impl<B: Board> PulsesCell<B> for Pulses<B> {
+    fn keep(pulses: Pulses<B>) -> Self {
+        pulses
+    }
+
+    fn with<R>(&mut self, does: impl FnOnce(&mut Pulses<B>) -> R) -> R {
+        does(self)
+    }
+}
+
+/// One axis's home switch.
 struct Watcher<P> {
-    inputs: Inputs<P>,
+    home: P,
     watch: Watch,
     sight: Option<Sight>,
     trip: Option<Trip>,
 }
 
 /// All axes' steps with their pins.
-pub(crate) struct Pulses<B: Board> {
+pub struct Pulses<B: Board> {
     /// Times and positions.
     pub(crate) trains: Trains,
-    pins: B::Steps,
+    pins: B::StepPort,
     watchers: [Watcher<B::Input>; AXES],
-    /// Axes each of whose steps is followed by a look at an input, a bit an axis.
+    /// Axes each of whose steps is followed by a look at the switch, a bit an axis.
     looks: u8,
     tripped: bool,
 }
 
 impl<B: Board> Pulses<B> {
-    pub(crate) fn new(pins: B::Steps, inputs: [Inputs<B::Input>; AXES]) -> Self {
-        let watchers =
-            inputs.map(|inputs| Watcher { inputs, watch: Watch::Nothing, sight: None, trip: None });
+    pub(crate) fn new(pins: B::StepPort, homes: [B::Input; AXES]) -> Self {
+        let watchers = homes.map(|home| Watcher { home, watch: Watch::Nothing, sight: None, trip: None });
         Self { trains: Trains::default(), pins, watchers, looks: 0, tripped: false }
     }
 
-    /// Raises and lowers the step pins that are due at a time in µs that wraps.
-    pub(crate) fn step(&mut self, now_us: u32) {
+    /// Raises and lowers the step pins that are due at a time in µs, the lower half of the controller's; gives when this has to
+    /// be called next, unless the controller is polled before.
+    pub fn step(&mut self, now_us: u32) -> Option<u32> {
         let edges = self.trains.step(now_us);
         if !self.pins.write(edges.raise, edges.lower) {
             self.trip(0, Trip::Pin);
@@ -80,16 +91,12 @@ impl<B: Board> Pulses<B> {
         if looks != 0 {
             self.look_at(looks, now_us);
         }
+        self.trains.next_us()
     }
 
     #[inline(never)]
     fn look_at(&mut self, axes: u8, now_us: u32) {
         for axis in (0..AXES).filter(|axis| axes & 1 << axis != 0) {
-            match self.watchers[axis].inputs.stall.as_mut().map(is_high) {
-                None | Some(Ok(false)) => {}
-                Some(Ok(true)) => self.trip(axis, Trip::Stall),
-                Some(Err(PinFailure)) => self.trip(axis, Trip::Pin),
-            }
             self.look(axis, now_us);
         }
     }
@@ -99,7 +106,7 @@ impl<B: Board> Pulses<B> {
         if watcher.watch == Watch::Nothing {
             return;
         }
-        match (is_high(&mut watcher.inputs.home), watcher.watch) {
+        match (is_high(&mut watcher.home), watcher.watch) {
             (Err(PinFailure), _) => self.trip(axis, Trip::Pin),
             (Ok(true), Watch::Limit) => self.trip(axis, Trip::Limit),
             (Ok(closed), Watch::Switch) if watcher.sight.is_none_or(|sight| sight.closed != closed) => {
@@ -123,8 +130,7 @@ impl<B: Board> Pulses<B> {
         let watcher = &mut self.watchers[axis];
         watcher.watch = watch;
         watcher.sight = None;
-        let looks = watch != Watch::Nothing || watcher.inputs.stall.is_some();
-        self.looks = self.looks & !(1 << axis) | u8::from(looks) << axis;
+        self.looks = self.looks & !(1 << axis) | u8::from(watch != Watch::Nothing) << axis;
     }
 
     /// Makes an axis cease at once and forget the steps handed over.
@@ -148,7 +154,7 @@ impl<B: Board> Pulses<B> {
 
     /// Whether an axis's home switch is closed.
     pub(crate) fn at_switch(&mut self, axis: usize) -> Result<bool, PinFailure> {
-        is_high(&mut self.watchers[axis].inputs.home)
+        is_high(&mut self.watchers[axis].home)
     }
 
     /// The home switch, looked at again, of an axis that watches it and has made a step.

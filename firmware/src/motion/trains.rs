@@ -104,9 +104,7 @@ impl Trains {
                 let bit = 1 << axis;
                 if self.may_rise(bit, now_us) {
                     left = self.make(axis, now_us, -left as u32);
-                    if edges.raise & bit == 0 {
-                        edges.raise |= bit;
-                    }
+                    edges.raise |= bit;
                     soonest = soonest.min(left);
                 } else {
                     left = self.hinder(axis, now);

@@ -174,7 +174,8 @@ pub fn measure<B: Board>(
         // Away from the home switch, and toward it, when it is watched.
         let mut cost = Cost { axes, steps, polls: 0, counts: 0 };
         for targets in [to, at] {
-            let Some((polls, counts)) = session.request(Command::MoveTo(targets), &mut counter, &mut beside) else {
+            let Some((polls, counts)) = session.request(Command::MoveTo(targets), &mut counter, &mut beside)
+            else {
                 return false;
             };
             cost.polls += polls;

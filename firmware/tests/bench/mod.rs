@@ -13,7 +13,9 @@ use embedded_hal::digital::{self, InputPin, OutputPin};
 use embedded_hal::pwm::{self, SetDutyCycle};
 use lobelia_firmware::safety::EmergencyStop;
 use lobelia_firmware::storage::Storage;
-use lobelia_firmware::{AnalogInput, AxisPins, Board, ByteLink, Controller, Options, Peripherals, Watchdog};
+use lobelia_firmware::{
+    AnalogInput, AxisPins, Board, ByteLink, Controller, Options, Peripherals, Pulses, Watchdog,
+};
 use lobelia_protocol::{
     AxisParameters, Command, Configuration, CrashCause, CrashRecord, FrameDecoder, Hello, HomeDirection,
     Outcome, Refusal, Request, Response, ToController, ToHost,
@@ -88,7 +90,8 @@ impl Watchdog for Dog {
 
 impl Board for TestBoard {
     type Output = Pin;
-    type Steps = [Pin; 4];
+    type StepPort = [Pin; 4];
+    type Pulses = Pulses<Self>;
     type Input = Pin;
     type LampLevel = Dimmer;
     type Photodiode = Diode;
