@@ -21,6 +21,9 @@ use crate::safety::{EmergencyStop, Safety};
 use crate::shutter::Shutter;
 use crate::storage;
 
+/// A loop that comes this much too late, in µs, doesn't feed the watchdog.
+const LATE_US: u64 = 1000;
+
 /// A command that takes time, being run.
 #[derive(Debug)]
 enum Task {
@@ -133,6 +136,7 @@ impl<B: Board> Controller<B> {
 
     /// Does all that is due at `now_us`, which never goes back.
     pub fn poll(&mut self, now_us: u64) {
+        let in_time = now_us.saturating_sub(self.next_event_us()) <= LATE_US;
         if self.options.emergency_stop.is_some_and(EmergencyStop::take) {
             self.raise(now_us, Fault::EmergencyStop, None);
         }
@@ -171,8 +175,9 @@ impl<B: Board> Controller<B> {
         if now_us >= self.lease_end_us() {
             self.expire(now_us);
         }
-        // A board whose pins fail is better off with a reset, which puts them to their safe state.
+        // A board whose pins fail, or that steps too late, is better off with a reset, which puts pins to their safe state.
         if let Some(watchdog) = &mut self.options.watchdog
+            && in_time
             && !self.safety.faults().contains(Fault::Hardware)
         {
             watchdog.feed();

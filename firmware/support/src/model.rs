@@ -10,6 +10,8 @@ use embedded_hal::digital::{ErrorType, InputPin, OutputPin};
 use embedded_hal::pwm::{self, SetDutyCycle};
 use lobelia_firmware::AnalogInput;
 
+use crate::trace::Trace;
+
 /// Where an axis is at power-up, in steps above its lower switch.
 pub const START: i32 = 300;
 /// Where the upper switch closes.
@@ -23,21 +25,28 @@ pub struct Axis {
     position: AtomicI32,
     up: AtomicBool,
     step_level: AtomicBool,
+    /// Which axis this is, and where its steps are noted.
+    index: u8,
+    trace: &'static Trace,
 }
 
 impl Axis {
-    /// An axis just switched on.
-    pub const fn new() -> Self {
+    /// An axis just switched on, with its number among the four.
+    pub const fn new(index: u8, trace: &'static Trace) -> Self {
         Self {
             position: AtomicI32::new(START),
             up: AtomicBool::new(false),
             step_level: AtomicBool::new(false),
+            index,
+            trace,
         }
     }
 
     fn step(&self, high: bool) {
         if high && !self.step_level.load(Relaxed) {
-            let by = if self.up.load(Relaxed) { 1 } else { -1 };
+            let up = self.up.load(Relaxed);
+            self.trace.step(self.index, up);
+            let by = if up { 1 } else { -1 };
             self.position.store(self.position.load(Relaxed) + by, Relaxed);
         }
         self.step_level.store(high, Relaxed);
@@ -45,12 +54,6 @@ impl Axis {
 
     fn at_switch(&self) -> bool {
         !(1..UPPER).contains(&self.position.load(Relaxed))
-    }
-}
-
-impl Default for Axis {
-    fn default() -> Self {
-        Self::new()
     }
 }
 
@@ -198,7 +201,8 @@ mod tests {
 
     #[test]
     fn switch_closes_after_as_many_steps_down_as_the_start_is_above_it() {
-        static AXIS: Axis = Axis::new();
+        static TRACE: Trace = Trace::new(|| 0);
+        static AXIS: Axis = Axis::new(0, &TRACE);
         let mut step = Output { pin: Pin(false), role: Role::Step(&AXIS) };
         for made in 0..START {
             assert!(!AXIS.at_switch(), "after {made}");

@@ -1,7 +1,8 @@
-//! The interrupts: UART 0 carries bytes between its FIFOs and the link's rings, timer 0 wakes the main loop, SysTick
-//! counts periods of the clock.
+//! The interrupts: the emergency stop and the watchdog, before which all others give way; UART 0 carries bytes between its FIFOs and
+//! the link's rings, timer 0 wakes the main loop, SysTick counts periods of the clock.
 
 use cortex_m::interrupt::InterruptNumber;
+use cortex_m::peripheral::scb::SystemHandler;
 use cortex_m::peripheral::{NVIC, SCB, SYST};
 use lobelia_board_support::clock::Clock;
 use lobelia_board_support::link::{Received, ToSend};
@@ -24,7 +25,9 @@ pub(crate) static TO_SEND: ToSend = ToSend::new();
 #[derive(Debug, Clone, Copy)]
 #[repr(u16)]
 pub(crate) enum Interrupt {
+    GpioD = 3,
     Uart0 = 5,
+    Watchdog = 18,
     Timer0A = 19,
 }
 
@@ -43,7 +46,9 @@ union Vector {
 }
 
 unsafe extern "C" {
+    fn GPIOD();
     fn UART0();
+    fn WATCHDOG();
     fn TIMER0A();
 }
 
@@ -51,6 +56,8 @@ const VECTORS: usize = 44;
 
 const fn vectors() -> [Vector; VECTORS] {
     let mut vectors = [const { Vector { reserved: 0 } }; VECTORS];
+    vectors[Interrupt::GpioD as usize] = Vector { handler: GPIOD };
+    vectors[Interrupt::Watchdog as usize] = Vector { handler: WATCHDOG };
     vectors[Interrupt::Uart0 as usize] = Vector { handler: UART0 };
     vectors[Interrupt::Timer0A as usize] = Vector { handler: TIMER0A };
     vectors
@@ -73,11 +80,17 @@ mod handlers {
 
     // SAFETY: the vector table asks for this name, and nothing else bears it.
     #[unsafe(no_mangle)]
+    extern "C" fn GPIOD() {
+        crate::pins::stop();
+    }
+
+    // SAFETY: as for `GPIOD`.
+    #[unsafe(no_mangle)]
     extern "C" fn UART0() {
         super::carry();
     }
 
-    // SAFETY: as for `UART0`.
+    // SAFETY: as for `GPIOD`.
     #[unsafe(no_mangle)]
     extern "C" fn TIMER0A() {
         super::timer::ICR.write(1);
@@ -116,9 +129,20 @@ pub(crate) fn start_clock(systick: &mut SYST) {
     systick.enable_interrupt();
 }
 
-/// Lets the UART and the timer interrupt.
+/// Puts the emergency stop and the watchdog, at 0, before all others.
+pub(crate) fn set_priorities(nvic: &mut NVIC, scb: &mut SCB) {
+    const LATER: u8 = 0x80;
+    // SAFETY: no critical section relies on priorities.
+    unsafe {
+        nvic.set_priority(Interrupt::Uart0, LATER);
+        nvic.set_priority(Interrupt::Timer0A, LATER);
+        scb.set_priority(SystemHandler::SysTick, LATER);
+    }
+}
+
+/// Lets all interrupts come.
 pub(crate) fn unmask() {
-    for interrupt in [Interrupt::Uart0, Interrupt::Timer0A] {
+    for interrupt in [Interrupt::GpioD, Interrupt::Uart0, Interrupt::Watchdog, Interrupt::Timer0A] {
         // SAFETY: called once at the start; no critical section relies on these being masked.
         unsafe { NVIC::unmask(interrupt) };
     }

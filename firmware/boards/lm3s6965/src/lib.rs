@@ -1,21 +1,32 @@
-//! The controller's board on an LM3S6965 (Cortex-M3 at 50 MHz): registers, pins, interrupts.
+//! The controller's board on an LM3S6965 (Cortex-M3 at 50 MHz): registers, pins, interrupts, what a crash does.
 //!
 //! QEMU models this chip whole (`-M lm3s6965evb`), so it is the one that the tests run. Its feature `qemu` puts the modelled
 //! rig of `lobelia_board_support::model` in place of home switches and photodiode.
 #![no_std]
 
+#[path = "../../shared/crash.rs"]
+mod crash;
+#[cfg(feature = "qemu")]
+#[path = "../../shared/emulation.rs"]
+pub mod emulation;
+#[cfg(not(feature = "qemu"))]
+mod flash;
 mod interrupt;
+#[path = "../../shared/kept.rs"]
+mod kept;
 mod pins;
 mod register;
+mod watchdog;
 
 use lobelia_board_support::link::{Received, RingLink, ToSend};
 #[cfg(feature = "qemu")]
 use lobelia_board_support::model;
-use lobelia_firmware::{AxisPins, Board, Peripherals};
+use lobelia_firmware::storage::Storage;
+use lobelia_firmware::{AxisPins, Board, Options, Peripherals};
 
 pub use interrupt::{CLOCK_RELOAD, arm, now_us, sleep_until};
-pub use pins::Pin;
 use pins::{LampLevel, map};
+pub use pins::{Pin, after_poll};
 use register::{system, timer, uart};
 
 /// The board's types.
@@ -51,7 +62,7 @@ pub fn send_directly(byte: u8) {
     uart::DR.write(u32::from(byte));
 }
 
-/// Lets the link's and the timer's interrupts come.
+/// Lets interrupts other than the clock's come.
 pub fn start_interrupts() {
     interrupt::unmask();
 }
@@ -60,7 +71,7 @@ pub fn start_interrupts() {
 pub fn set_up() -> Option<Peripherals<Lm3s6965>> {
     let mut core = cortex_m::Peripherals::take()?;
     start_system_clock();
-    system::RCGC0.set_bits(1 << 16 | 1 << 20);
+    system::RCGC0.set_bits(1 << 3 | 1 << 16 | 1 << 20);
     system::RCGC1.set_bits(1 << 0 | 1 << 16);
     system::RCGC2.set_bits(0x3F);
     // Three cycles until a unit whose clock was just started may be touched.
@@ -68,8 +79,33 @@ pub fn set_up() -> Option<Peripherals<Lm3s6965>> {
     pins::set_up();
     set_up_uart();
     set_up_timer();
+    interrupt::set_priorities(&mut core.NVIC, &mut core.SCB);
     interrupt::start_clock(&mut core.SYST);
     Some(peripherals())
+}
+
+/// What the board has besides: the emergency stop's interrupt, the watchdog, memory for parameters, and the record of the last
+/// crash. To be called once.
+pub fn options() -> Options<Lm3s6965> {
+    let watchdog = cortex_m::singleton!(: watchdog::Watchdog = watchdog::Watchdog);
+    let reset = watchdog::take_reset();
+    Options {
+        storage: storage(),
+        emergency_stop: Some(&pins::EMERGENCY_STOP),
+        watchdog: watchdog.map(|watchdog| watchdog as _),
+        crash: kept::take_crash().or(reset),
+        ..Options::default()
+    }
+}
+
+#[cfg(not(feature = "qemu"))]
+fn storage() -> Option<&'static mut (dyn Storage + Send)> {
+    cortex_m::singleton!(: flash::FlashSlots = flash::FlashSlots).map(|slots| slots as _)
+}
+
+#[cfg(feature = "qemu")]
+fn storage() -> Option<&'static mut (dyn Storage + Send)> {
+    cortex_m::singleton!(: kept::KeptSlots = kept::KeptSlots).map(|slots| slots as _)
 }
 
 /// 50 MHz from the 8 MHz crystal through the PLL.
@@ -132,7 +168,12 @@ fn peripherals() -> Peripherals<Lm3s6965> {
 
 #[cfg(feature = "qemu")]
 fn peripherals() -> Peripherals<Lm3s6965> {
-    static AXES: [model::Axis; 4] = [const { model::Axis::new() }; 4];
+    static AXES: [model::Axis; 4] = [
+        model::Axis::new(0, &emulation::TRACE),
+        model::Axis::new(1, &emulation::TRACE),
+        model::Axis::new(2, &emulation::TRACE),
+        model::Axis::new(3, &emulation::TRACE),
+    ];
     static LIGHT: model::Light = model::Light::new();
     let output = |pin, role| model::Output { pin, role };
     let axes = [0, 1, 2, 3].map(|axis| {
@@ -157,14 +198,4 @@ fn peripherals() -> Peripherals<Lm3s6965> {
 
 fn link() -> RingLink {
     RingLink { received: &interrupt::RECEIVED, to_send: &interrupt::TO_SEND, wake: interrupt::wake_uart }
-}
-
-/// Everything off, for good: the host finds the controller silent and the operator switches it off and on.
-#[panic_handler]
-fn panic(_: &core::panic::PanicInfo<'_>) -> ! {
-    cortex_m::interrupt::disable();
-    pins::safe_state();
-    loop {
-        cortex_m::asm::wfi();
-    }
 }

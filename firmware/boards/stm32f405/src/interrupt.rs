@@ -1,7 +1,9 @@
-//! The interrupts: USART 2 carries bytes between its registers and the link's rings, SysTick counts milliseconds.
+//! The interrupts: the emergency stop, before which all others give way; USART 2 carries bytes between its registers and the link's
+//! rings, SysTick counts milliseconds.
 
 use core::cell::RefCell;
 
+use cortex_m::peripheral::scb::SystemHandler;
 use cortex_m::peripheral::syst::SystClkSource;
 use cortex_m::peripheral::{NVIC, SCB, SYST};
 use critical_section::Mutex;
@@ -31,6 +33,11 @@ type Halves = (Tx<pac::USART2>, Rx<pac::USART2>);
 #[cortex_m_rt::exception]
 fn SysTick() {
     CLOCK.period_over();
+}
+
+#[interrupt]
+fn EXTI9_5() {
+    crate::pins::stop();
 }
 
 #[interrupt]
@@ -73,10 +80,22 @@ pub(crate) fn give_port(tx: Tx<pac::USART2>, mut rx: Rx<pac::USART2>) {
     critical_section::with(|section| PORT.borrow_ref_mut(section).replace((tx, rx)));
 }
 
-/// Lets the USART interrupt.
+/// Puts the emergency stop, at 0, before all others.
+pub(crate) fn set_priorities(nvic: &mut NVIC, scb: &mut SCB) {
+    const LATER: u8 = 0x80;
+    // SAFETY: no critical section relies on priorities.
+    unsafe {
+        nvic.set_priority(Interrupt::USART2, LATER);
+        scb.set_priority(SystemHandler::SysTick, LATER);
+    }
+}
+
+/// Lets the emergency stop and the USART interrupt.
 pub fn start_interrupts() {
-    // SAFETY: called once at the start; the port is behind a mutex, and no critical section relies on the mask.
-    unsafe { NVIC::unmask(Interrupt::USART2) };
+    for interrupt in [Interrupt::EXTI9_5, Interrupt::USART2] {
+        // SAFETY: called once at the start; the port is behind a mutex, and no critical section relies on the mask.
+        unsafe { NVIC::unmask(interrupt) };
+    }
 }
 
 /// Sends a byte without the interrupt, waiting for room.

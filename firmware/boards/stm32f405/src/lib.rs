@@ -4,19 +4,30 @@
 //! `lobelia_board_support::model` in place of home switches, lamp level and photodiode.
 #![no_std]
 
+#[path = "../../shared/crash.rs"]
+mod crash;
+#[cfg(feature = "qemu")]
+#[path = "../../shared/emulation.rs"]
+pub mod emulation;
+#[cfg(not(feature = "qemu"))]
+mod flash;
 mod interrupt;
+#[path = "../../shared/kept.rs"]
+mod kept;
 mod pins;
+#[cfg(not(feature = "qemu"))]
+mod watchdog;
 
 use lobelia_board_support::link::{Received, RingLink, ToSend};
 #[cfg(feature = "qemu")]
 use lobelia_board_support::model;
-use lobelia_firmware::{AxisPins, Board, Peripherals};
-use stm32f4xx_hal::gpio::{AnyPin, Input, Output, Pin, PushPull};
+use lobelia_firmware::{AxisPins, Board, Options, Peripherals};
+use stm32f4xx_hal::gpio::{AnyPin, Edge, Input, Output, Pin, Pull, PushPull};
 use stm32f4xx_hal::prelude::*;
 use stm32f4xx_hal::{pac, rcc, serial};
 
 pub use interrupt::{CLOCK_RELOAD, now_us, rest_until, send_directly, start_interrupts};
-pub use pins::{InputLine, OutputLine};
+pub use pins::{InputLine, OutputLine, after_poll};
 
 /// The board's types.
 #[derive(Debug)]
@@ -107,11 +118,16 @@ fn clocks() -> rcc::Config {
     }
 }
 
-/// Sets the whole board up; the link's interrupt stays off. `None` at a second call.
-pub fn set_up() -> Option<Peripherals<Stm32f405>> {
+/// Sets the whole board up; interrupts other than the clock's stay off. `None` at a second call.
+pub fn set_up() -> Option<(Peripherals<Stm32f405>, Options<Stm32f405>)> {
     let device = pac::Peripherals::take()?;
     let mut core = cortex_m::Peripherals::take()?;
+    #[cfg(not(feature = "qemu"))]
+    let reset = watchdog::take_reset(&device.RCC);
+    #[cfg(feature = "qemu")]
+    let reset = None;
     let mut rcc = device.RCC.freeze(clocks());
+    interrupt::set_priorities(&mut core.NVIC, &mut core.SCB);
     interrupt::start_clock(&mut core.SYST);
     let a = device.GPIOA.split(&mut rcc);
     let b = device.GPIOB.split(&mut rcc);
@@ -122,10 +138,30 @@ pub fn set_up() -> Option<Peripherals<Stm32f405>> {
     let (tx, rx) = port.split();
     interrupt::give_port(tx, rx);
 
-    let steps = [output(c.pc0), output(c.pc1), output(c.pc2), output(c.pc3)];
+    let steps = [step(c.pc0), step(c.pc1), step(c.pc2), step(c.pc3)];
     let directions = [output(c.pc4), output(c.pc5), output(c.pc6), output(c.pc7)];
     let enables = [disabled(b.pb12), disabled(b.pb13), disabled(b.pb14), disabled(b.pb15)];
     let homes = [input(b.pb5), input(b.pb6), input(b.pb7), input(b.pb8)];
+    let mut stop = b.pb9.into_pull_up_input();
+    let (mut exti, mut syscfg) = (device.EXTI, device.SYSCFG.constrain(&mut rcc));
+    stop.make_interrupt_source(&mut syscfg);
+    stop.trigger_on_edge(&mut exti, Edge::Rising);
+    stop.enable_interrupt(&mut exti);
+    let options = Options {
+        stall: [absent(c.pc8), absent(c.pc9), absent(c.pc10), absent(c.pc11)].map(Some),
+        over_temperature: Some(absent(b.pb0)),
+        emergency_stop: Some(&pins::EMERGENCY_STOP),
+        crash: kept::take_crash().or(reset),
+        #[cfg(not(feature = "qemu"))]
+        storage: cortex_m::singleton!(: flash::FlashSlots = flash::FlashSlots(device.FLASH))
+            .map(|slots| slots as _),
+        #[cfg(feature = "qemu")]
+        storage: cortex_m::singleton!(: kept::KeptSlots = kept::KeptSlots).map(|slots| slots as _),
+        #[cfg(not(feature = "qemu"))]
+        watchdog: cortex_m::singleton!(: watchdog::Watchdog = watchdog::Watchdog::new(device.IWDG))
+            .map(|watchdog| watchdog as _),
+        ..Options::default()
+    };
     let lines = Lines {
         steps,
         directions,
@@ -133,7 +169,7 @@ pub fn set_up() -> Option<Peripherals<Stm32f405>> {
         homes,
         shutter: output(a.pa4),
         lamp: output(a.pa5),
-        stop: input(b.pb9),
+        stop: InputLine(stop.erase()),
     };
 
     #[cfg(not(feature = "qemu"))]
@@ -144,10 +180,10 @@ pub fn set_up() -> Option<Peripherals<Stm32f405>> {
         level.set_duty(0);
         level.enable();
         let adc = Adc::new(device.ADC1, true, AdcConfig::default(), &mut rcc);
-        Some(lines.real(level, parts::Photodiode { adc, pin: a.pa0.into_analog() }))
+        Some((lines.real(level, parts::Photodiode { adc, pin: a.pa0.into_analog() }), options))
     }
     #[cfg(feature = "qemu")]
-    Some(lines.modelled())
+    Some((lines.modelled(), options))
 }
 
 /// All lines, in the order of the axes.
@@ -181,7 +217,12 @@ impl Lines {
     #[cfg(feature = "qemu")]
     fn modelled(self) -> Peripherals<Stm32f405> {
         use model::{Output as Line, Role};
-        static AXES: [model::Axis; 4] = [const { model::Axis::new() }; 4];
+        static AXES: [model::Axis; 4] = [
+            model::Axis::new(0, &emulation::TRACE),
+            model::Axis::new(1, &emulation::TRACE),
+            model::Axis::new(2, &emulation::TRACE),
+            model::Axis::new(3, &emulation::TRACE),
+        ];
         static LIGHT: model::Light = model::Light::new();
         let ([s0, s1, s2, s3], [d0, d1, d2, d3]) = (self.steps, self.directions);
         let [e0, e1, e2, e3] = self.enables;
@@ -211,6 +252,11 @@ fn output<const P: char, const N: u8>(pin: Pin<P, N>) -> OutputLine {
     OutputLine::new(pin)
 }
 
+/// A step output, which stays low while the emergency stop lets it go.
+fn step<const P: char, const N: u8>(pin: Pin<P, N>) -> OutputLine {
+    OutputLine::new(pin.into_push_pull_output().internal_resistor(Pull::Down).erase())
+}
+
 /// A driver's inverted enable input, off.
 fn disabled<const P: char, const N: u8>(pin: Pin<P, N>) -> OutputLine {
     OutputLine::inverted(pin.into_push_pull_output_in_state(true.into()).erase())
@@ -221,16 +267,14 @@ fn input<const P: char, const N: u8>(pin: Pin<P, N>) -> InputLine {
     InputLine(pin)
 }
 
-fn link() -> RingLink {
-    RingLink { received: &interrupt::RECEIVED, to_send: &interrupt::TO_SEND, wake: interrupt::wake_usart }
+/// An input that reads low where nothing is connected.
+fn absent<const P: char, const N: u8>(pin: Pin<P, N>) -> <Stm32f405 as Board>::Input {
+    let line = InputLine(pin.into_pull_down_input().erase());
+    #[cfg(feature = "qemu")]
+    let line = model::Input::Pin(line);
+    line
 }
 
-/// Everything off, for good: the host finds the controller silent and the operator switches it off and on.
-#[panic_handler]
-fn panic(_: &core::panic::PanicInfo<'_>) -> ! {
-    cortex_m::interrupt::disable();
-    pins::safe_state();
-    loop {
-        cortex_m::asm::wfi();
-    }
+fn link() -> RingLink {
+    RingLink { received: &interrupt::RECEIVED, to_send: &interrupt::TO_SEND, wake: interrupt::wake_usart }
 }

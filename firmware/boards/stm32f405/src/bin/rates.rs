@@ -8,7 +8,7 @@ use lobelia_stm32f405::{CLOCK_RELOAD, now_us, rest_until, rings, send_directly, 
 
 #[cortex_m_rt::entry]
 fn main() -> ! {
-    let Some(peripherals) = set_up() else { panic!("set up twice") };
+    let Some((peripherals, _)) = set_up() else { panic!("set up twice") };
     let counter = Counter::new(SYST::get_current, CLOCK_RELOAD);
     // As between two steps: reads the time twice and goes on at once.
     let beside = |_| {
