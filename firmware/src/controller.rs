@@ -22,6 +22,9 @@ use crate::safety::{EmergencyStop, Safety};
 use crate::shutter::Shutter;
 use crate::storage;
 
+/// A loop that comes this much too late, in µs, doesn't feed the watchdog.
+const LATE_US: u64 = 1000;
+
 /// A command that takes time, being run.
 #[derive(Debug)]
 enum Task {
@@ -182,6 +185,7 @@ impl<B: Board> Controller<B> {
 
     /// Does all there is to do at `now_us`, which never goes back; looks for bytes too.
     pub fn poll(&mut self, now_us: u64) {
+        let in_time = now_us.saturating_sub(self.next_poll_us()) <= LATE_US;
         self.now_us = now_us;
         // Steps before bytes: what a packet takes to decode must not delay them.
         self.pulses.with(|pulses| pulses.step(now_us as u32));
@@ -223,8 +227,9 @@ impl<B: Board> Controller<B> {
         if now_us >= self.lease_end_us() {
             self.expire(now_us);
         }
-        // A board whose pins fail is better off with a reset, which puts them to their safe state.
+        // A board whose pins fail, or that steps too late, is better off with a reset, which puts pins to their safe state.
         if let Some(watchdog) = &mut self.options.watchdog
+            && in_time
             && !self.safety.faults().contains(Fault::Hardware)
         {
             watchdog.feed();

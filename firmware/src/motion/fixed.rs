@@ -124,11 +124,25 @@ pub(crate) fn fraction_of(ticks: u64, u: u32) -> u64 {
     (ticks >> 32) * u64::from(u) + low
 }
 
-/// `n / d` in 2⁻³², for `d` above 0; coarser when n is above half a step.
+/// `n / d` in 2⁻³² to about 15 bits, for `d` above 0, where it is below 2³¹; by a division of 32 bits, which these processors have.
 fn quotient(n: i64, d: i64) -> Option<i64> {
-    let excess = (64 - n.unsigned_abs().leading_zeros()).saturating_sub(31);
-    let d = d >> excess;
-    (d > 0).then(|| ((n >> excess) << 32) / d)
+    let size = n.unsigned_abs();
+    if d <= 0 || size >= 1 << 62 {
+        return None;
+    }
+    if size == 0 {
+        return Some(0);
+    }
+    // Both as 32 and 16 bits and a power of two.
+    let up = size.leading_zeros();
+    let down = 48 - (d as u64).leading_zeros() as i32;
+    let high = ((size << up) >> 32) as u32;
+    let low = if down >= 0 { d >> down } else { d << -down } as u32;
+    // n = high · 2^(32 − up), d = low · 2^down.
+    let shift = 64 - up as i32 - down;
+    let ratio = u64::from(high / low);
+    let ratio = if shift >= 47 { return None } else if shift >= 0 { ratio << shift } else { ratio >> -shift.max(-63) };
+    Some(if n < 0 { -(ratio as i64) } else { ratio as i64 })
 }
 
 #[cfg(test)]

@@ -28,6 +28,20 @@ pub(crate) struct Edges {
     pub(crate) raise: u8,
 }
 
+/// Pins that changed, a bit an axis, and when the last of them did.
+#[derive(Debug, Clone, Copy, Default)]
+struct Change {
+    pins: u8,
+    at_us: u32,
+}
+
+impl Change {
+    /// Whether it is too early for another change.
+    fn is_fresh(&self, now_us: u32) -> bool {
+        now_us.wrapping_sub(self.at_us) < PULSE_US
+    }
+}
+
 /// One axis's steps.
 #[derive(Debug, Default)]
 struct Train {
@@ -38,7 +52,6 @@ struct Train {
     bend: i64,
     /// Steps of the burst still to be made.
     left: u32,
-    raised_us: u32,
     position: i32,
     /// 1 or −1.
     direction: i32,
@@ -50,15 +63,15 @@ struct Train {
 #[derive(Debug, Default)]
 pub(crate) struct Trains {
     trains: [Train; AXES],
-    /// Axes with steps to make, and axes whose pins are high.
+    /// Axes with steps to make.
     active: u8,
-    high: u8,
-    /// When a pin was last raised, and when all that are high have to fall: in µs, in ticks.
-    raised_us: u32,
+    /// Axes whose pins were raised last, and those raised before that are still high.
+    raised: Change,
+    raised_before: Change,
+    /// When all that are high have to fall, in ticks.
     lower_by: u32,
-    /// Axes whose pins fell last, and when.
-    lowered: u8,
-    lowered_us: u32,
+    /// Axes whose pins fell last.
+    lowered: Change,
     next_us: u32,
     waiting: [Deque<Burst, WAITING>; AXES],
 }
@@ -89,22 +102,29 @@ impl Train {
 impl Trains {
     /// When [`Self::step`] has to be called next, in µs that wrap; `None` when there is nothing to do.
     pub(crate) fn next_us(&self) -> Option<u32> {
-        (self.active | self.high != 0).then_some(self.next_us)
+        (self.active | self.high() != 0).then_some(self.next_us)
+    }
+
+    /// Axes whose pins are high.
+    fn high(&self) -> u8 {
+        self.raised.pins | self.raised_before.pins
     }
 
     /// What to do with the pins at a time in µs that wraps.
+    #[inline(never)]
     pub(crate) fn step(&mut self, now_us: u32) -> Edges {
         let now = now_us << TICK_SHIFT;
-        let mut edges = Edges { lower: self.ripe(now_us), raise: 0 };
-        let mut wait = FAR;
-        let mut soonest = FAR;
+        let lower = self.lower(now_us);
+        let blocked = self.high() | if self.lowered.is_fresh(now_us) { self.lowered.pins } else { 0 };
+        let may_rise = self.active & !blocked;
+        let mut raise = 0;
+        let (mut wait, mut soonest) = (FAR, FAR);
         for axis in 0..AXES {
             let mut left = self.trains[axis].due().wrapping_sub(now) as i32;
             if left <= 0 {
-                let bit = 1 << axis;
-                if self.may_rise(bit, now_us) {
+                if may_rise & 1 << axis != 0 {
                     left = self.make(axis, now_us, -left as u32);
-                    edges.raise |= bit;
+                    raise |= 1 << axis;
                     soonest = soonest.min(left);
                 } else {
                     left = self.hinder(axis, now);
@@ -112,49 +132,45 @@ impl Trains {
             }
             wait = wait.min(left);
         }
-        if edges.raise != 0 {
-            let by = now.wrapping_add((soonest >> 1).clamp(PULSE, LONG_PULSE) as u32);
-            if self.high == 0 || (by.wrapping_sub(self.lower_by) as i32) < 0 {
-                self.lower_by = by;
-            }
-            self.high |= edges.raise;
-            self.raised_us = now_us;
+        if raise != 0 {
+            self.raise(raise, now_us, soonest);
         }
-        if self.high != 0 {
+        if self.high() != 0 {
             wait = wait.min((self.lower_by.wrapping_sub(now) as i32).max(PULSE));
         }
         self.next_us = now_us.wrapping_add((wait as u32).div_ceil(1 << TICK_SHIFT));
-        edges
+        Edges { lower, raise }
     }
 
     /// Lowers the pins that have been high for long enough.
-    fn ripe(&mut self, now_us: u32) -> u8 {
-        let mut ripe = self.high;
-        if ripe == 0 {
-            return 0;
+    #[inline(always)]
+    fn lower(&mut self, now_us: u32) -> u8 {
+        let mut lower = 0;
+        if !self.raised.is_fresh(now_us) {
+            lower = core::mem::take(&mut self.raised.pins);
         }
-        if now_us.wrapping_sub(self.raised_us) < PULSE_US {
-            // Not those of the last call; perhaps those of one before.
-            for (axis, train) in self.trains.iter().enumerate() {
-                if now_us.wrapping_sub(train.raised_us) < PULSE_US {
-                    ripe &= !(1 << axis);
-                }
-            }
-            if ripe == 0 {
-                return 0;
-            }
+        // Raised at least 1 µs before the others, so never more than two kinds are fresh.
+        if !self.raised_before.is_fresh(now_us) {
+            lower |= core::mem::take(&mut self.raised_before.pins);
         }
-        self.high &= !ripe;
-        let others = if now_us.wrapping_sub(self.lowered_us) < PULSE_US { self.lowered } else { 0 };
-        self.lowered = others | ripe;
-        self.lowered_us = now_us;
-        ripe
+        if lower != 0 {
+            let others = if self.lowered.is_fresh(now_us) { self.lowered.pins } else { 0 };
+            self.lowered = Change { pins: others | lower, at_us: now_us };
+        }
+        lower
     }
 
-    /// Whether an axis has a step to make and its pin has been low for long enough.
-    fn may_rise(&self, bit: u8, now_us: u32) -> bool {
-        let low_for_long = self.lowered & bit == 0 || now_us.wrapping_sub(self.lowered_us) >= PULSE_US;
-        self.active & !self.high & bit != 0 && low_for_long
+    /// Notes pins that rise, with the ticks until the next step of any of them.
+    #[inline(always)]
+    fn raise(&mut self, pins: u8, now_us: u32, soonest: i32) {
+        let by = (now_us << TICK_SHIFT).wrapping_add((soonest >> 1).clamp(PULSE, LONG_PULSE) as u32);
+        if self.high() == 0 || (by.wrapping_sub(self.lower_by) as i32) < 0 {
+            self.lower_by = by;
+        }
+        if self.raised.pins != 0 {
+            self.raised_before = Change { pins: self.high(), at_us: self.raised.at_us };
+        }
+        self.raised = Change { pins, at_us: now_us };
     }
 
     /// What an axis that may not rise waits for, in ticks.
@@ -171,7 +187,6 @@ impl Trains {
     #[inline(always)]
     fn make(&mut self, axis: usize, now_us: u32, late: u32) -> i32 {
         let train = &mut self.trains[axis];
-        train.raised_us = now_us;
         train.position = train.position.wrapping_add(train.direction);
         if late >= 1 << TICK_SHIFT {
             train.delay(late);
@@ -218,7 +233,7 @@ impl Trains {
 
     /// Whether an axis has no step to make and its pin is low.
     pub(crate) fn resting(&self, axis: usize) -> bool {
-        (self.active | self.high) & 1 << axis == 0
+        (self.active | self.high()) & 1 << axis == 0
     }
 
     /// Ticks by which an axis's steps were late since its run began, wrapping.
@@ -268,6 +283,7 @@ impl Trains {
 
     /// An axis's pin was lowered, whatever it was.
     pub(crate) fn lowered(&mut self, axis: usize) {
-        self.high &= !(1 << axis);
+        self.raised.pins &= !(1 << axis);
+        self.raised_before.pins &= !(1 << axis);
     }
 }

@@ -25,6 +25,11 @@ impl EmergencyStop {
         self.0.store(true, Ordering::Release);
     }
 
+    /// Whether it was tripped and the controller hasn't yet cut everything.
+    pub fn is_tripped(&self) -> bool {
+        self.0.load(Ordering::Acquire)
+    }
+
     /// Whether it was tripped since this was last asked.
     pub(crate) fn take(&self) -> bool {
         // Load and store, since small cores have no swap; only the interrupt sets it and only the controller resets it.
