@@ -150,7 +150,7 @@ impl Trains {
             lower = core::mem::take(&mut self.raised.pins);
         }
         // Raised at least 1 µs before the others, so never more than two kinds are fresh.
-        if !self.raised_before.is_fresh(now_us) {
+        if self.raised_before.pins != 0 && !self.raised_before.is_fresh(now_us) {
             lower |= core::mem::take(&mut self.raised_before.pins);
         }
         if lower != 0 {
@@ -163,7 +163,7 @@ impl Trains {
     /// Notes pins that rise, with the ticks until the next step of any of them.
     #[inline(always)]
     fn raise(&mut self, pins: u8, now_us: u32, soonest: i32) {
-        let by = (now_us << TICK_SHIFT).wrapping_add((soonest >> 1).clamp(PULSE, LONG_PULSE) as u32);
+        let by = (now_us << TICK_SHIFT).wrapping_add((soonest >> 1).min(LONG_PULSE) as u32);
         if self.high() == 0 || (by.wrapping_sub(self.lower_by) as i32) < 0 {
             self.lower_by = by;
         }
