@@ -141,7 +141,13 @@ fn quotient(n: i64, d: i64) -> Option<i64> {
     // n = high · 2^(32 − up), d = low · 2^down.
     let shift = 64 - up as i32 - down;
     let ratio = u64::from(high / low);
-    let ratio = if shift >= 47 { return None } else if shift >= 0 { ratio << shift } else { ratio >> -shift.max(-63) };
+    let ratio = if shift >= 47 {
+        return None;
+    } else if shift >= 0 {
+        ratio << shift
+    } else {
+        ratio >> -shift.max(-63)
+    };
     Some(if n < 0 { -(ratio as i64) } else { ratio as i64 })
 }
 

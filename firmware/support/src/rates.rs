@@ -76,7 +76,7 @@ impl<B: Board> Session<B> {
         self.controller.poll(self.now_us);
         let mut step = serve(self.now_us as u32);
         let (mut calls, mut counts) = (0, 0);
-        let counting = counter().wrapping_sub(counter()).wrapping_neg();
+        let counting = timed(counter, || ());
         loop {
             let wait = |next: u32| u64::from(next.wrapping_sub(self.now_us as u32));
             let step_us = step.map_or(u64::MAX, |next| self.now_us + wait(next));
@@ -86,12 +86,10 @@ impl<B: Board> Session<B> {
                 return (calls, counts);
             }
             self.now_us = next.max(self.now_us);
-            let before = counter();
             if poll_us <= step_us {
-                self.controller.poll(self.now_us);
+                counts += u64::from(timed(counter, || self.controller.poll(self.now_us)) - counting);
             }
-            step = serve(self.now_us as u32);
-            counts += u64::from(counter().wrapping_sub(before).wrapping_sub(counting));
+            counts += u64::from(timed(counter, || step = serve(self.now_us as u32)) - counting);
             calls += 1;
         }
     }
@@ -109,6 +107,14 @@ impl<B: Board> Session<B> {
         }
         done
     }
+}
+
+/// Counts that some work takes, and the counting.
+#[inline(never)]
+fn timed(counter: &mut impl FnMut() -> u32, work: impl FnOnce()) -> u32 {
+    let before = counter();
+    work();
+    counter().wrapping_sub(before)
 }
 
 /// Acceleration in steps/s².
