@@ -8,6 +8,7 @@ use embedded_hal::digital::{InputPin, OutputPin};
 use embedded_hal::pwm::SetDutyCycle;
 use lobelia_protocol::{AXES, CrashRecord};
 
+pub use crate::motion::pulses::{Pulses, PulsesCell};
 use crate::safety::EmergencyStop;
 use crate::storage::Storage;
 
@@ -25,10 +26,34 @@ pub trait AnalogInput {
     fn read(&mut self) -> Option<u16>;
 }
 
+/// The step pins of all axes: a rising edge is one step.
+pub trait StepPins {
+    /// Raises some pins and lowers others, a bit an axis with pan the lowest; false when one could not be driven.
+    fn write(&mut self, raise: u8, lower: u8) -> bool;
+}
+
+impl<P: OutputPin> StepPins for [P; AXES] {
+    fn write(&mut self, raise: u8, lower: u8) -> bool {
+        let mut done = true;
+        for (axis, pin) in self.iter_mut().enumerate() {
+            if raise & 1 << axis != 0 {
+                done &= pin.set_high().is_ok();
+            } else if lower & 1 << axis != 0 {
+                done &= pin.set_low().is_ok();
+            }
+        }
+        done
+    }
+}
+
 /// A board's types. Output pins share one type and so do inputs: use the board's erased pins.
-pub trait Board {
+pub trait Board: Sized {
     /// An output pin.
     type Output: OutputPin;
+    /// The step pins: `[Self::Output; 4]`, or on a board that has them on one port what writes them at once.
+    type StepPort: StepPins;
+    /// Where the steps are kept: `Pulses<Self>`, or where an interrupt finds them too.
+    type Pulses: PulsesCell<Self>;
     /// An input pin.
     type Input: InputPin;
     /// The lamp's dimmer.
@@ -41,8 +66,6 @@ pub trait Board {
 
 /// One axis's pins.
 pub struct AxisPins<B: Board> {
-    /// A rising edge is one step.
-    pub step: B::Output,
     /// High: steps count up.
     pub direction: B::Output,
     /// High: the motor holds.
@@ -55,6 +78,8 @@ pub struct AxisPins<B: Board> {
 pub struct Peripherals<B: Board> {
     /// Pan, tilt, roll, light.
     pub axes: [AxisPins<B>; AXES],
+    /// Of the same.
+    pub steps: B::StepPort,
     /// High: open.
     pub shutter: B::Output,
     /// High: the lamp burns.

@@ -11,15 +11,19 @@ use lobelia_protocol::{
     Response, Status, ToController, ToHost,
 };
 
-use crate::board::{Board, Options, Peripherals, PinFailure};
+use crate::board::{AxisPins, Board, Options, Peripherals, PinFailure};
 use crate::homing::{Homing, Purpose};
 use crate::lamp::Lamp;
 use crate::link::{Admission, Link};
 use crate::motion::axis::AxisDrive;
 use crate::motion::parameters;
+use crate::motion::pulses::{Pulses, PulsesCell};
 use crate::safety::{EmergencyStop, Safety};
 use crate::shutter::Shutter;
 use crate::storage;
+
+/// A loop that comes this much too late, in µs, doesn't feed the watchdog.
+const LATE_US: u64 = 1000;
 
 /// A command that takes time, being run.
 #[derive(Debug)]
@@ -65,9 +69,18 @@ impl From<PinFailure> for Trouble {
     }
 }
 
+/// While axes move the controller does more than steps at least this often, in µs.
+const POLL_EVERY_US: u64 = 500;
+
 /// The controller of a rig.
 pub struct Controller<B: Board> {
     axes: [AxisDrive<B>; AXES],
+    pulses: B::Pulses,
+    /// The time when the controller was last called, and when the next step is due.
+    now_us: u64,
+    step_us: Option<u32>,
+    /// While axes move: when [`Self::poll`] is due.
+    poll_us: Option<u64>,
     options: Options<B>,
     lamp: Lamp<B::Output, B::LampLevel>,
     shutter: Shutter<B::Output>,
@@ -91,9 +104,18 @@ impl<B: Board> Controller<B> {
         let mut options = options;
         let stored = options.storage.as_mut().and_then(|storage| storage::load(&mut **storage));
         let configuration = stored.filter(|stored| parameters::validate(stored).is_ok());
-        let Peripherals { axes, shutter, lamp, lamp_level, photodiode, emergency_stop, link } = peripherals;
+        let Peripherals { axes, steps, shutter, lamp, lamp_level, photodiode, emergency_stop, link } =
+            peripherals;
+        let mut number = 0..;
+        let [pan, tilt, roll, light] = axes.map(|AxisPins { direction, enable, home }| {
+            (AxisDrive::new(number.next().unwrap_or(0), direction, enable), home)
+        });
         Self {
-            axes: axes.map(AxisDrive::new),
+            axes: [pan.0, tilt.0, roll.0, light.0],
+            pulses: B::Pulses::keep(Pulses::new(steps, [pan.1, tilt.1, roll.1, light.1])),
+            now_us: 0,
+            step_us: None,
+            poll_us: None,
             options,
             lamp: Lamp::new(lamp, lamp_level),
             shutter: Shutter::new(shutter),
@@ -106,24 +128,40 @@ impl<B: Board> Controller<B> {
         }
     }
 
-    /// When [`Self::poll`] has to be called next, unless a byte or the emergency stop comes first; in µs, and
+    /// When [`Self::tick`] has to be called next, unless a byte or the emergency stop comes first; in µs, and
     /// `u64::MAX` when nothing is under way.
     pub fn next_event_us(&self) -> u64 {
-        self.task_us().min(self.lease_end_us())
+        let wait = |next: u32| (next.wrapping_sub(self.now_us as u32) as i32).max(0) as u32;
+        let step_us = self.step_us.map_or(u64::MAX, |next| self.now_us + u64::from(wait(next)));
+        step_us.min(self.next_poll_us())
     }
 
+    /// When [`Self::poll`] has to be called next where an interrupt makes the steps, as [`Self::next_event_us`] where none does.
+    pub fn next_poll_us(&self) -> u64 {
+        self.poll_us.unwrap_or_else(|| self.task_us().min(self.lease_end_us()))
+    }
+
+    /// When something is due for the task other than motion.
     fn task_us(&self) -> u64 {
-        let Some(running) = &self.running else {
-            return u64::MAX;
-        };
-        match &running.task {
-            Task::Settle { until_us, .. } => *until_us,
-            Task::AwaitCamera { look_us, .. } => *look_us,
-            Task::Expose { .. } => self.shutter.next_us(),
-            Task::Move { .. } | Task::Turn { .. } | Task::Home(..) | Task::Stop => {
-                self.axes.iter().map(AxisDrive::next_us).min().unwrap_or(u64::MAX)
-            }
+        match self.running.as_ref().map(|running| &running.task) {
+            Some(Task::Settle { until_us, .. }) => *until_us,
+            Some(Task::AwaitCamera { look_us, .. }) => *look_us,
+            Some(Task::Expose { .. }) => self.shutter.next_us(),
+            Some(Task::Move { .. } | Task::Turn { .. } | Task::Home(..) | Task::Stop) | None => u64::MAX,
         }
+    }
+
+    /// When the axes have to be polled; `None` while none moves or has to.
+    fn motion_us(&mut self, now_us: u64) -> Option<u64> {
+        let task = self.running.as_ref().map(|running| &running.task);
+        let ought = matches!(task, Some(Task::Move { .. } | Task::Turn { .. } | Task::Home(..) | Task::Stop));
+        if !self.axes.iter().any(AxisDrive::moving) {
+            let pulses_end = self.step_us.is_some();
+            return (ought || pulses_end).then_some(now_us + if ought { 1 } else { POLL_EVERY_US });
+        }
+        let pulses = &mut self.pulses;
+        let axes_us = self.axes.iter().map(|axis| axis.next_us(pulses, now_us)).min().unwrap_or(u64::MAX);
+        Some(axes_us.min(self.lease_end_us()).min(now_us + POLL_EVERY_US))
     }
 
     /// Which axes are under way.
@@ -131,8 +169,26 @@ impl<B: Board> Controller<B> {
         array::from_fn(|axis| self.axes[axis].moving())
     }
 
-    /// Does all that is due at `now_us`, which never goes back.
+    /// Does what is due at `now_us`, which never goes back: while axes move mostly steps, which is quick.
+    #[inline]
+    pub fn tick(&mut self, now_us: u64) {
+        self.now_us = now_us;
+        if self.poll_us.is_some_and(|poll_us| now_us < poll_us) {
+            let (next, tripped) = self.pulses.with(|pulses| (pulses.step(now_us as u32), pulses.tripped()));
+            self.step_us = next;
+            if !tripped {
+                return;
+            }
+        }
+        self.poll(now_us);
+    }
+
+    /// Does all there is to do at `now_us`, which never goes back; looks for bytes too.
     pub fn poll(&mut self, now_us: u64) {
+        let in_time = now_us.saturating_sub(self.next_poll_us()) <= LATE_US;
+        self.now_us = now_us;
+        // Steps before bytes: what a packet takes to decode must not delay them.
+        self.pulses.with(|pulses| pulses.step(now_us as u32));
         if self.options.emergency_stop.is_some_and(EmergencyStop::take) {
             self.raise(now_us, Fault::EmergencyStop, None);
         }
@@ -142,7 +198,7 @@ impl<B: Board> Controller<B> {
             Err(PinFailure) => self.raise(now_us, Fault::Hardware, None),
         }
         self.mind_temperature(now_us);
-        // Steps and shutter before bytes: what a packet takes to decode must not delay them.
+        // And the shutter.
         if let Some(running) = self.running.take() {
             self.go_on(now_us, running);
         }
@@ -171,13 +227,16 @@ impl<B: Board> Controller<B> {
         if now_us >= self.lease_end_us() {
             self.expire(now_us);
         }
-        // A board whose pins fail is better off with a reset, which puts them to their safe state.
+        // A board whose pins fail, or that steps too late, is better off with a reset, which puts pins to their safe state.
         if let Some(watchdog) = &mut self.options.watchdog
+            && in_time
             && !self.safety.faults().contains(Fault::Hardware)
         {
             watchdog.feed();
         }
         self.link.flush();
+        self.step_us = self.pulses.with(|pulses| pulses.trains.next_us());
+        self.poll_us = self.motion_us(now_us);
     }
 
     /// Ends what a host began that is no longer there.
@@ -281,7 +340,7 @@ impl<B: Board> Controller<B> {
     fn configure(&mut self, configuration: Configuration) -> Result<(), Refusal> {
         parameters::validate(&configuration)?;
         if self.configuration.replace(configuration) != Some(configuration) {
-            self.axes.iter_mut().for_each(AxisDrive::forget);
+            self.axes.iter_mut().for_each(|axis| axis.forget(&mut self.pulses));
         }
         Ok(())
     }
@@ -297,8 +356,8 @@ impl<B: Board> Controller<B> {
 
     fn status(&mut self, now_us: u64) -> Result<Status, PinFailure> {
         let mut at_switch = [false; AXES];
-        for (at_switch, axis) in at_switch.iter_mut().zip(&mut self.axes) {
-            *at_switch = axis.at_switch()?;
+        for (axis, at_switch) in at_switch.iter_mut().enumerate() {
+            *at_switch = self.pulses.with(|pulses| pulses.at_switch(axis))?;
         }
         Ok(Status {
             positions: self.positions(),
@@ -314,8 +373,8 @@ impl<B: Board> Controller<B> {
         })
     }
 
-    fn positions(&self) -> [i32; AXES] {
-        array::from_fn(|axis| self.axes[axis].position())
+    fn positions(&mut self) -> [i32; AXES] {
+        self.pulses.with(|pulses| array::from_fn(|axis| pulses.trains.position(axis)))
     }
 
     /// Polls the axes or the shutter for the task, and ends it when it is done.
@@ -401,7 +460,7 @@ impl<B: Board> Controller<B> {
     fn raise(&mut self, now_us: u64, fault: Fault, axis: Option<Axis>) {
         let mut safe = true;
         for drive in &mut self.axes {
-            safe &= drive.cut().is_ok();
+            safe &= drive.cut(&mut self.pulses).is_ok();
         }
         safe &= self.shutter.close().is_ok();
         if matches!(fault, Fault::EmergencyStop | Fault::OverTemperature) {

@@ -1,8 +1,9 @@
 //! The rig's controller, whole: motion, homing, lamp, shutter, safety and link, for any board with embedded-hal pins.
 //!
-//! It has no heap, no interrupts of its own and no clock: a board calls [`Controller::poll`] with the time in µs as often
-//! as it can, or at the latest when [`Controller::next_event_us`] says. The step path is integer arithmetic.
-//! The same crate runs in the simulator on a virtual clock.
+//! It has no heap, no interrupts of its own and no clock. Steps are planned in bursts some milliseconds ahead; a board has an
+//! interrupt make them ([`Pulses::step`]) and calls [`Controller::poll`] when [`Controller::next_poll_us`] says or a byte has come. Without
+//! such an interrupt it calls [`Controller::tick`] when [`Controller::next_event_us`] says, as the simulator does on a virtual clock.
+//! The step path is integer additions.
 #![no_std]
 #![forbid(unsafe_code)]
 
@@ -17,5 +18,7 @@ pub mod safety;
 mod shutter;
 pub mod storage;
 
-pub use board::{AnalogInput, AxisPins, Board, ByteLink, Options, Peripherals, Watchdog};
+pub use board::{
+    AnalogInput, AxisPins, Board, ByteLink, Options, Peripherals, Pulses, PulsesCell, StepPins, Watchdog,
+};
 pub use controller::Controller;

@@ -54,6 +54,22 @@ fn watchdog_is_fed_at_each_poll_until_the_hardware_fails() {
 }
 
 #[test]
+fn loop_that_makes_steps_too_late_does_not_feed_the_watchdog() {
+    let mut rig = Rig::homed();
+    rig.begin(Command::MoveTo([4000; 4]));
+    for (late_us, meals) in [(1000, 1), (1001, 0), (50_000, 0), (0, 1)] {
+        rig.bench.borrow_mut().now_us = rig.next_event_us() + late_us;
+        let before = rig.meals.load(Relaxed);
+        rig.poll();
+        assert_eq!(rig.meals.load(Relaxed) - before, meals, "{late_us} µs late");
+        // Makes the steps that are due.
+        while rig.next_event_us() <= rig.bench.borrow().now_us {
+            rig.poll();
+        }
+    }
+}
+
+#[test]
 fn crash_is_told_once_at_the_next_hello() {
     let mut rig = Rig::new();
     let told = |rig: &mut Rig| {

@@ -7,7 +7,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use embedded_hal::digital::{self, InputPin, OutputPin};
 use embedded_hal::pwm::{self, SetDutyCycle};
-use lobelia_firmware::{AnalogInput, AxisPins, Board, ByteLink, Peripherals};
+use lobelia_firmware::{AnalogInput, AxisPins, Board, ByteLink, Peripherals, Pulses};
 
 use crate::config::MechanicsConfig;
 use crate::lamp::Lamp;
@@ -92,6 +92,8 @@ pub(crate) struct SimulatedBoard;
 
 impl Board for SimulatedBoard {
     type Output = Output;
+    type StepPort = [Output; 4];
+    type Pulses = Pulses<Self>;
     type Input = Input;
     type LampLevel = Dimmer;
     type Photodiode = Photodiode;
@@ -104,11 +106,11 @@ pub(crate) fn peripherals(bench: &Arc<Bench>) -> Peripherals<SimulatedBoard> {
     let input = |role| Input { bench: Arc::clone(bench), role };
     Peripherals {
         axes: std::array::from_fn(|axis| AxisPins {
-            step: output(OutputRole::Step(axis)),
             direction: output(OutputRole::Direction(axis)),
             enable: output(OutputRole::Enable(axis)),
             home: input(InputRole::Home(axis)),
         }),
+        steps: std::array::from_fn(|axis| output(OutputRole::Step(axis))),
         shutter: output(OutputRole::Shutter),
         lamp: output(OutputRole::Lamp),
         lamp_level: Dimmer(Arc::clone(bench)),

@@ -65,7 +65,8 @@ impl World {
                 return;
             }
             self.bench.now_us.store(next, Relaxed);
-            self.poll();
+            self.controller.tick(next);
+            self.watch_shutter();
         }
     }
 

@@ -14,6 +14,9 @@ use serde_json::{Value, json};
 /// How long QEMU may take to answer before the test gives up.
 const PATIENCE: Duration = Duration::from_secs(60);
 
+/// Steps that the trace under emulation holds.
+const STEPS_HELD: u32 = lobelia_board_support::trace::STEPS as u32;
+
 /// A board as QEMU knows it.
 #[derive(Debug, Clone, Copy)]
 pub struct Machine {
@@ -25,6 +28,8 @@ pub struct Machine {
     pub ports_before: usize,
     /// 2 to this power is an instruction's time in ns.
     pub shift: u32,
+    /// Where the program's kept memory begins, `KEPT` in the board's `memory.x`.
+    pub kept: u32,
 }
 
 /// A board running in QEMU, held before its first instruction until [`Qemu::start`].
@@ -35,6 +40,20 @@ pub struct Qemu {
     monitor: BufReader<UnixStream>,
     test: UnixStream,
     test_lines: Receiver<String>,
+    kept: u32,
+    /// Steps of the trace already told.
+    steps_told: u32,
+}
+
+/// A step as the program under emulation notes it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Step {
+    /// When, in µs of the controller's clock; wraps at 2²⁹.
+    pub at_us: u32,
+    /// Number of the axis.
+    pub axis: usize,
+    /// Whether it went up.
+    pub up: bool,
 }
 
 /// The program for QEMU of a board, if it was built and QEMU is there; else prints why not, and panics under CI.
@@ -75,15 +94,20 @@ impl Qemu {
         let monitor = BufReader::new(connect(&folder.path().join("monitor")));
         let test = connect(&folder.path().join("test"));
         let test_lines = read_lines(test.try_clone().unwrap());
-        let mut qemu = Self { child, folder, monitor, test, test_lines };
+        let mut qemu = Self { child, folder, monitor, test, test_lines, kept: machine.kept, steps_told: 0 };
         qemu.monitor_line();
         qemu.ask_monitor("qmp_capabilities", json!({}));
         qemu
     }
 
-    /// Lets the program run.
+    /// Lets the program run, for the first time or after [`Self::pause`].
     pub fn start(&mut self) {
         self.ask_monitor("cont", json!({}));
+    }
+
+    /// Holds the program between two instructions.
+    pub fn pause(&mut self) {
+        self.ask_monitor("stop", json!({}));
     }
 
     /// The host's end of the serial port.
@@ -91,8 +115,8 @@ impl Qemu {
         SerialSocket(connect(&self.folder.path().join("port")))
     }
 
-    /// From now on tells the edges of the GPIO port with a number, counted from 0 in the chip's order of type `kind`.
-    pub fn watch_port(&mut self, kind: &str, number: usize) {
+    /// The path of a device with a number, counted from 0 in the chip's order of those of type `kind`.
+    pub fn device(&mut self, kind: &str, number: usize) -> String {
         let unattached = self.ask_monitor("qom-list", json!({ "path": "/machine/unattached" }));
         let mut devices: Vec<(usize, &str)> = Vec::new();
         for device in unattached.as_array().unwrap() {
@@ -103,8 +127,44 @@ impl Qemu {
             }
         }
         devices.sort_unstable();
-        let path = format!("/machine/unattached/{}", devices[number].1);
+        format!("/machine/unattached/{}", devices[number].1)
+    }
+
+    /// From now on tells the edges of a GPIO port's outputs.
+    pub fn watch_port(&mut self, path: &str) {
         self.ask_test(&format!("irq_intercept_out {path}"), |_, _| {});
+    }
+
+    /// Puts a level on a device's input.
+    pub fn set_input(&mut self, path: &str, pin: usize, high: bool) {
+        self.ask_test(&format!("set_irq_in {path} unnamed-gpio-in {pin} {}", u8::from(high)), |_, _| {});
+    }
+
+    /// Has the program crash, as `firmware/boards/shared/emulation.rs` numbers crashes.
+    pub fn crash(&mut self, number: u32) {
+        let trigger = self.kept + 4 * 3;
+        self.ask_test(&format!("writel {trigger:#x} {number}"), |_, _| {});
+    }
+
+    /// The program's trace of steps since this was last asked.
+    pub fn steps(&mut self) -> Vec<Step> {
+        let trace = self.word(self.kept + 4 * 4);
+        let count = self.word(trace);
+        let bytes = self.memory(trace + 4, 4 * STEPS_HELD as usize);
+        let ring: Vec<u32> =
+            bytes.chunks_exact(4).map(|word| u32::from_le_bytes(word.try_into().unwrap())).collect();
+        assert!(count - self.steps_told <= STEPS_HELD, "steps were lost");
+        let told = std::mem::replace(&mut self.steps_told, count);
+        (told..count)
+            .map(|number| ring[(number % STEPS_HELD) as usize])
+            .map(|step| Step { at_us: step >> 3, axis: (step & 3) as usize, up: step & 4 != 0 })
+            .collect()
+    }
+
+    /// Reads a word of memory or a register.
+    pub fn word(&mut self, address: u32) -> u32 {
+        let answer = self.ask_test(&format!("readl {address:#x}"), |_, _| {});
+        u32::from_str_radix(answer.trim().trim_start_matches("0x"), 16).unwrap()
     }
 
     /// Tells all edges up to now, in order: pin and level.

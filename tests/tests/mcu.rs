@@ -4,12 +4,22 @@
 #![allow(clippy::unwrap_used, reason = "helpers of tests are tests")]
 
 use lobelia::rig::RigClient;
-use lobelia_protocol::{AxisParameters, Configuration, HomeDirection};
+use lobelia_protocol::{AxisParameters, Configuration, CrashCause, Fault, HomeDirection};
 use lobelia_tests::qemu::{Machine, Qemu, program};
 
-const LM3S6965: Machine = Machine { board: "lm3s6965", machine: "lm3s6965evb", ports_before: 0, shift: 5 };
-const STM32F405: Machine =
-    Machine { board: "stm32f405", machine: "olimex-stm32-h405", ports_before: 1, shift: 3 };
+const LM3S6965: Machine =
+    Machine { board: "lm3s6965", machine: "lm3s6965evb", ports_before: 0, shift: 5, kept: 0x2000_F800 };
+const STM32F405: Machine = Machine {
+    board: "stm32f405",
+    machine: "olimex-stm32-h405",
+    ports_before: 1,
+    shift: 3,
+    kept: 0x2001_F800,
+};
+/// QEMU's type of the LM3S6965's GPIO ports, and their numbers.
+const PORT: &str = "pl061_luminary";
+const PORT_B: usize = 1;
+const PORT_D: usize = 3;
 
 const TAKE_UP: i32 = 40;
 
@@ -83,7 +93,8 @@ impl Drivers {
 fn step_edges_seen_outside_the_chip_are_the_steps_commanded() {
     let Some(program) = program(LM3S6965.board) else { return };
     let mut qemu = Qemu::load(LM3S6965, &program);
-    qemu.watch_port("pl061_luminary", 1);
+    let steps = qemu.device(PORT, PORT_B);
+    qemu.watch_port(&steps);
     qemu.start();
     let mut drivers = Drivers::default();
     let mut client = RigClient::connect(Box::new(qemu.port())).unwrap();
@@ -115,19 +126,12 @@ fn step_edges_seen_outside_the_chip_are_the_steps_commanded() {
     assert_room_for_stack(&mut qemu);
 }
 
-/// RAM starts as zeros, statics lie at its beginning and the stack at its end; the longest run of zeros is between them.
+/// The stack is at the beginning of RAM, which starts as zeros.
 fn assert_room_for_stack(qemu: &mut Qemu) {
-    const RAM: usize = 64 * 1024;
-    let memory = qemu.memory(0x2000_0000, RAM);
-    let (mut longest, mut end, mut run) = (0, 0, 0);
-    for (at, byte) in memory.into_iter().enumerate() {
-        run = if byte == 0 { run + 1 } else { 0 };
-        if run > longest {
-            (longest, end) = (run, at + 1);
-        }
-    }
-    println!("worst stack of the session: {} bytes; never touched: {longest} bytes", RAM - end);
-    assert!(longest > RAM / 2, "statics and stack take {} bytes", RAM - longest);
+    const STACK: usize = 24 * 1024;
+    let untouched = qemu.memory(0x2000_0000, STACK).into_iter().take_while(|&byte| byte == 0).count();
+    println!("worst stack of the session: {} bytes of {STACK}", STACK - untouched);
+    assert!(untouched > STACK / 4, "the stack took {} bytes of {STACK}", STACK - untouched);
 }
 
 #[test]
@@ -142,4 +146,115 @@ fn f405_program_answers_hello_homes_and_tells_its_status() {
     let status = client.status().unwrap();
     assert_eq!((status.positions, status.known, status.busy), (homed, [true; 4], false));
     assert_eq!(client.move_to([10, -10, 200, -200]).unwrap(), [10, -10, 200, -200]);
+}
+
+#[test]
+fn emergency_stop_ceases_steps_in_its_interrupt() {
+    let Some(program) = program(LM3S6965.board) else { return };
+    let mut qemu = Qemu::load(LM3S6965, &program);
+    let (steps, stop) = (qemu.device(PORT, PORT_B), qemu.device(PORT, PORT_D));
+    qemu.watch_port(&steps);
+    qemu.start();
+    let mut client = RigClient::connect(Box::new(qemu.port())).unwrap();
+    client.configure(&configuration()).unwrap();
+    client.home().unwrap();
+    client.move_to([-800; 4]).unwrap();
+    qemu.edges(|_, _| {});
+    let moving = std::thread::spawn(move || {
+        let moved = client.move_to([800; 4]);
+        (client, moved)
+    });
+    let mut drivers = Drivers::default();
+    while drivers.steps.iter().any(|&steps| steps < 100) {
+        qemu.edges(|pin, high| drivers.edge(pin, high));
+    }
+    qemu.pause();
+    qemu.edges(|pin, high| drivers.edge(pin, high));
+    assert!(drivers.steps.iter().all(|&steps| steps < 1500), "still under way: {:?}", drivers.steps);
+    const HELD: u32 = 0x0F;
+    const ENABLES: u32 = 0x4002_4000 + (HELD << 2);
+    assert_eq!(qemu.word(ENABLES), HELD);
+    qemu.set_input(&stop, 3, true);
+    qemu.start();
+    let (mut client, moved) = moving.join().unwrap();
+    let error = moved.unwrap_err().to_string();
+    assert!(error.contains("emergency stop"), "{error}");
+    let mut after = Drivers::default();
+    qemu.edges(|pin, high| after.edge(pin, high));
+    assert_eq!((after.steps, qemu.word(ENABLES)), ([0; 4], 0), "steps after the stop, drivers that hold");
+
+    let status = client.status().unwrap();
+    assert_eq!((status.emergency_stop, status.known), (true, [false; 4]));
+    assert!(status.faults.contains(Fault::EmergencyStop));
+    assert!(client.clear_faults().is_err(), "still pressed");
+    assert!(client.home().is_err(), "a fault is set");
+    qemu.set_input(&stop, 3, false);
+    assert!(client.home().is_err(), "not yet cleared");
+    client.clear_faults().unwrap();
+    assert!(client.move_to([0; 4]).is_err(), "positions are unknown");
+    client.home().unwrap();
+    qemu.edges(|pin, high| after.edge(pin, high));
+    assert!(after.steps.iter().all(|&steps| steps > 0), "steps reach the drivers again: {:?}", after.steps);
+}
+
+/// Has the program crash in each way, and asks it what happened once it runs again.
+fn crashes_are_told(machine: Machine, crashes: &[(u32, CrashCause)]) {
+    let Some(program) = program(machine.board) else { return };
+    let mut qemu = Qemu::load(machine, &program);
+    qemu.start();
+    let mut client = RigClient::connect(Box::new(qemu.port())).unwrap();
+    client.configure(&configuration()).unwrap();
+    client.save_parameters().unwrap();
+    assert_eq!(client.crash(), None);
+    for &(number, cause) in crashes {
+        client.home().unwrap();
+        qemu.crash(number);
+        drop(client);
+        client = RigClient::connect(Box::new(qemu.port())).unwrap();
+        let status = client.status().unwrap();
+        let crash = client.crash().unwrap_or_else(|| panic!("{cause:?} was not told"));
+        assert_eq!(crash.cause, cause);
+        assert_eq!(crash.place == 0, cause == CrashCause::StackOverflow, "{crash:?}");
+        assert_eq!((status.configured, status.known, status.busy), (true, [false; 4], false), "{cause:?}");
+        // Told once.
+        drop(client);
+        client = RigClient::connect(Box::new(qemu.port())).unwrap();
+        client.status().unwrap();
+        assert_eq!(client.crash(), None);
+    }
+}
+
+#[test]
+fn crash_resets_the_lm3s6965_and_is_told_and_parameters_are_kept() {
+    let crashes = [
+        (1, CrashCause::Panic),
+        (2, CrashCause::StackOverflow),
+        (3, CrashCause::HardFault),
+        (4, CrashCause::Watchdog),
+    ];
+    crashes_are_told(LM3S6965, &crashes);
+}
+
+#[test]
+fn crash_resets_the_f405_and_is_told_and_parameters_are_kept() {
+    // QEMU does not model this chip's watchdog.
+    let crashes = [(1, CrashCause::Panic), (2, CrashCause::StackOverflow), (3, CrashCause::HardFault)];
+    crashes_are_told(STM32F405, &crashes);
+}
+
+#[test]
+fn emergency_stop_of_the_f405_is_a_fault_by_its_interrupt_alone() {
+    let Some(program) = program(STM32F405.board) else { return };
+    let mut qemu = Qemu::load(STM32F405, &program);
+    qemu.start();
+    let mut client = RigClient::connect(Box::new(qemu.port())).unwrap();
+    client.configure(&configuration()).unwrap();
+    client.home().unwrap();
+    // Line 9, which the pin drives; the pin's own level is not modelled and reads as released.
+    qemu.set_input("/machine/soc/exti", 9, true);
+    let error = client.move_to([10; 4]).unwrap_err().to_string();
+    assert!(error.contains("emergency stop"), "{error}");
+    assert_eq!(client.status().unwrap().known, [false; 4]);
+    client.clear_faults().unwrap();
+    client.home().unwrap();
 }

@@ -142,9 +142,24 @@ fn build_and_measure(toolchain: &Toolchain, boards: &[&Board], update: bool) -> 
         print!("{:>12} {text:>8} {data:>8} {bss:>8} {:>11}", board.name, stack.bytes);
         let recursive = if stack.recursive { " and of recursion" } else { "" };
         println!("  without what is below {} calls through pointers{recursive}", stack.pointers);
+        let room = stack_room(&program).context("the program tells no bounds of its stack")?;
+        if stack.bytes > room {
+            bail!(
+                "{}: the stack may take {} bytes and has {room}; see its memory.x",
+                board.name,
+                stack.bytes
+            );
+        }
         measured.push((board.name, sizes));
     }
     sizes::check(&root().join("firmware/boards/sizes.toml"), &toolchain.release, &measured, update)
+}
+
+/// Bytes that a program's linker script sets aside for its stack.
+fn stack_room(program: &Elf) -> Option<u32> {
+    let symbols = program.symbols();
+    let value = |name: &str| symbols.iter().find(|symbol| symbol.name == name).map(|symbol| symbol.value);
+    value("_stack_start")?.checked_sub(value("_stack_end")?)
 }
 
 /// What `cargo xtask test` needs: the programs for QEMU, and sizes as in the snapshot. Without a compiler or QEMU it says so and

@@ -3,14 +3,13 @@
 
 use core::array;
 
-use lobelia_protocol::{
-    AXES, Answer, Axis, Configuration, Fault, Field, HomeDirection, HomingReport, Outcome, Refusal,
-};
+use lobelia_protocol::{AXES, Answer, Axis, Configuration, Fault, Field, HomingReport, Outcome, Refusal};
 
 use super::{Controller, Running, Task, Trouble};
 use crate::board::{Board, PinFailure, is_high};
 use crate::homing::{Homing, Progress, Purpose};
 use crate::motion::axis::Plan;
+use crate::motion::pulses::{PulsesCell, Trip};
 
 /// How often a homing may approach its switch.
 const APPROACHES: core::ops::RangeInclusive<u8> = 1..=100;
@@ -29,13 +28,13 @@ impl<B: Board> Controller<B> {
         }
         let mut searches = [const { None }; AXES];
         for ((search, axis), parameters) in searches.iter_mut().zip(&mut self.axes).zip(&configuration.axes) {
-            *search = Some(Homing::start(now_us, purpose, axis, parameters)?);
+            *search = Some(Homing::start(now_us, purpose, axis, &mut self.pulses, parameters)?);
         }
         Ok(Task::Home(purpose, searches))
     }
 
     /// The answer to a search that has ended.
-    pub(super) fn found(&self, purpose: Purpose, searches: &[Option<Homing>; AXES]) -> Answer {
+    pub(super) fn found(&mut self, purpose: Purpose, searches: &[Option<Homing>; AXES]) -> Answer {
         let of = |get: fn(&Homing) -> i32| searches.each_ref().map(|search| search.as_ref().map_or(0, get));
         match purpose {
             Purpose::Home { approaches: 1 } => Answer::At(self.positions()),
@@ -92,15 +91,16 @@ impl<B: Board> Controller<B> {
         configuration: &Configuration,
         targets: [i32; AXES],
     ) -> Result<Task, PinFailure> {
+        let positions = self.positions();
         let mut plans: [Plan; AXES] =
-            array::from_fn(|k| self.axes[k].plan(targets[k], &configuration.axes[k]));
+            array::from_fn(|k| self.axes[k].plan(positions[k], targets[k], &configuration.axes[k]));
         if configuration.coordinated {
             let slowest = plans.iter().map(Plan::total).max().unwrap_or(0);
             plans = plans.map(|plan| plan.stretched(slowest));
         }
         let mut settle_ms = 0;
         for (k, plan) in plans.iter().enumerate().filter(|(_, plan)| plan.total() > 0) {
-            self.axes[k].begin(now_us, plan, targets[k])?;
+            self.axes[k].begin(&mut self.pulses, now_us, plan, targets[k], &configuration.axes[k])?;
             settle_ms = configuration.axes[k].settle_ms.max(settle_ms);
         }
         Ok(Task::Move { settle_ms })
@@ -128,19 +128,24 @@ impl<B: Board> Controller<B> {
         }
         // Axes that go on alone would not arrive with the others.
         for ((axis, p), target) in self.axes.iter_mut().zip(&configuration.axes).zip(targets) {
-            if configuration.coordinated || !axis.redirect(now_us, target, p) {
+            if configuration.coordinated || !axis.redirect(&mut self.pulses, now_us, target, p) {
                 axis.stop(now_us);
             }
         }
         Ok(Task::Turn { targets })
     }
 
-    /// Makes the axis's step if one is due, and minds its switch.
+    /// Plans the axis's next steps, and minds what made it cease.
     pub(super) fn advance_axis(&mut self, now_us: u64, axis: Axis, task: &mut Task) -> Result<(), Fault> {
         let drive = &mut self.axes[axis.index()];
-        let stepped = drive.poll(now_us).map_err(|_| Fault::Hardware)?;
-        if stepped
-            && let Some(stall) = &mut self.options.stall[axis.index()]
+        let pulses = &mut self.pulses;
+        match pulses.with(|pulses| pulses.take_trip(axis.index())) {
+            None => {}
+            Some(Trip::Limit) => return Err(Fault::LimitHit),
+            Some(Trip::Pin) => return Err(Fault::Hardware),
+        }
+        if let Some(stall) = &mut self.options.stall[axis.index()]
+            && drive.stepped(pulses)
             && is_high(stall).map_err(|_| Fault::Hardware)?
         {
             return Err(Fault::Stall);
@@ -148,25 +153,20 @@ impl<B: Board> Controller<B> {
         let Some(parameters) = self.configuration.as_ref().map(|all| &all.axes[axis.index()]) else {
             return Ok(());
         };
-        if let Task::Home(_, searches) = task {
-            let Some(search) = &mut searches[axis.index()] else { return Ok(()) };
-            if stepped {
-                search.stepped(now_us, drive, parameters).map_err(|_| Fault::Hardware)?;
-            } else if !drive.moving() {
-                match search.rested(now_us, drive, parameters).map_err(|_| Fault::Hardware)? {
-                    Progress::Seeking | Progress::Measured => {}
-                    Progress::Failed => return Err(Fault::HomingFailed),
-                }
+        if let Task::Home(_, searches) = task
+            && let Some(search) = &mut searches[axis.index()]
+        {
+            search.watch(now_us, drive, pulses, parameters);
+        }
+        drive.poll(pulses, now_us).map_err(|_| Fault::Hardware)?;
+        if let Task::Home(_, searches) = task
+            && let Some(search) = &mut searches[axis.index()]
+            && !drive.moving()
+        {
+            let progress = search.rested(now_us, drive, pulses, parameters).map_err(|_| Fault::Hardware)?;
+            if progress == Progress::Failed {
+                return Err(Fault::HomingFailed);
             }
-            return Ok(());
-        }
-        // A stop while homing may come to rest on the switch; positions are unknown then anyway.
-        if parameters.full_turn_steps != 0 {
-            return Ok(());
-        }
-        let toward_switch = drive.forward() == (parameters.home_direction == HomeDirection::Positive);
-        if stepped && toward_switch && drive.known && drive.at_switch().map_err(|_| Fault::Hardware)? {
-            return Err(Fault::LimitHit);
         }
         Ok(())
     }

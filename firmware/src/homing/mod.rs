@@ -9,6 +9,7 @@ use lobelia_protocol::{AxisParameters, HomeDirection};
 
 use crate::board::{Board, PinFailure};
 use crate::motion::axis::AxisDrive;
+use crate::motion::pulses::PulsesCell;
 
 /// What an axis is doing to find its home.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -53,8 +54,6 @@ pub(crate) enum Progress {
 pub(crate) struct Homing {
     purpose: Purpose,
     phase: Phase,
-    /// Where and when the switch was first seen in the state awaited, unless it has changed back.
-    candidate: Option<(i32, u64)>,
     /// Where it closed or opened in this phase, as it should.
     edge: Option<i32>,
     approaches_left: u8,
@@ -70,19 +69,20 @@ impl Homing {
         now_us: u64,
         purpose: Purpose,
         axis: &mut AxisDrive<B>,
+        pulses: &mut B::Pulses,
         p: &AxisParameters,
     ) -> Result<Self, PinFailure> {
         let approaches_left = match purpose {
             Purpose::Home { approaches } => {
-                axis.forget();
+                axis.forget(pulses);
                 approaches
             }
             Purpose::Check => 1,
         };
-        let phase = if axis.at_switch()? { Phase::BackOff } else { Phase::Seek };
-        let mut homing =
-            Self { purpose, phase, candidate: None, edge: None, approaches_left, edges: None, lost: 0 };
-        homing.enter(phase, now_us, axis, p)?;
+        let phase =
+            if pulses.with(|pulses| pulses.at_switch(axis.axis()))? { Phase::BackOff } else { Phase::Seek };
+        let mut homing = Self { purpose, phase, edge: None, approaches_left, edges: None, lost: 0 };
+        homing.enter(phase, now_us, axis, pulses, p)?;
         Ok(homing)
     }
 
@@ -96,27 +96,26 @@ impl Homing {
         self.lost
     }
 
-    /// After each step: looks at the switch.
-    pub(crate) fn stepped<B: Board>(
+    /// On the way: looks whether the switch has kept the state awaited for long enough. It is read at each step and each
+    /// time that this is called.
+    pub(crate) fn watch<B: Board>(
         &mut self,
         now_us: u64,
         axis: &mut AxisDrive<B>,
+        pulses: &mut B::Pulses,
         p: &AxisParameters,
-    ) -> Result<(), PinFailure> {
-        if self.edge.is_some() {
-            return Ok(());
-        }
+    ) {
         let awaited = matches!(self.phase, Phase::Seek | Phase::SlowSeek);
-        if axis.at_switch()? != awaited {
-            self.candidate = None;
-            return Ok(());
+        let sight = pulses
+            .with(|pulses| pulses.sight(axis.axis(), now_us as u32))
+            .filter(|sight| sight.closed == awaited);
+        if self.edge.is_none()
+            && let Some(sight) = sight
+            && (now_us as u32).wrapping_sub(sight.since_us) >= p.home_debounce_us.into()
+        {
+            self.edge = Some(sight.position);
+            axis.shorten(pulses, now_us, if self.phase == Phase::BackOff { p.home_back_off } else { 0 });
         }
-        let (position, since_us) = *self.candidate.get_or_insert((axis.position(), now_us));
-        if now_us - since_us >= u64::from(p.home_debounce_us) {
-            self.edge = Some(position);
-            axis.shorten(now_us, if self.phase == Phase::BackOff { p.home_back_off } else { 0 });
-        }
-        Ok(())
     }
 
     /// At rest: goes on to the next phase.
@@ -124,6 +123,7 @@ impl Homing {
         &mut self,
         now_us: u64,
         axis: &mut AxisDrive<B>,
+        pulses: &mut B::Pulses,
         p: &AxisParameters,
     ) -> Result<Progress, PinFailure> {
         if self.phase == Phase::Done {
@@ -141,23 +141,30 @@ impl Homing {
                 self.edges = Some((lowest.min(edge), highest.max(edge)));
                 self.approaches_left = self.approaches_left.saturating_sub(1);
                 if self.approaches_left == 0 {
-                    self.conclude(edge, axis, p);
+                    self.conclude(edge, axis, pulses, p);
                     return Ok(Progress::Measured);
                 }
                 Phase::BackOff
             }
         };
-        self.enter(next, now_us, axis, p)?;
+        self.enter(next, now_us, axis, pulses, p)?;
         Ok(Progress::Seeking)
     }
 
-    fn conclude<B: Board>(&mut self, edge: i32, axis: &mut AxisDrive<B>, p: &AxisParameters) {
+    fn conclude<B: Board>(
+        &mut self,
+        edge: i32,
+        axis: &mut AxisDrive<B>,
+        pulses: &mut B::Pulses,
+        p: &AxisParameters,
+    ) {
         self.phase = Phase::Done;
+        let position = pulses.with(|pulses| pulses.trains.position(axis.axis()));
         match self.purpose {
-            Purpose::Home { .. } => axis.homed(p.home_position + (axis.position() - edge)),
+            Purpose::Home { .. } => axis.homed(pulses, p.home_position + (position - edge)),
             Purpose::Check => {
                 self.lost = whole_turns_off(edge.saturating_sub(p.home_position), p.full_turn_steps);
-                axis.homed(axis.position());
+                axis.homed(pulses, position);
             }
         }
     }
@@ -167,22 +174,22 @@ impl Homing {
         phase: Phase,
         now_us: u64,
         axis: &mut AxisDrive<B>,
+        pulses: &mut B::Pulses,
         p: &AxisParameters,
     ) -> Result<(), PinFailure> {
         self.phase = phase;
         self.edge = None;
-        self.candidate = None;
         let toward_switch = matches!(phase, Phase::Seek | Phase::SlowSeek);
         let fast = matches!(phase, Phase::Seek | Phase::BackOff);
         let speed = if fast { p.home_speed } else { p.home_slow_speed };
         let upward = toward_switch == (p.home_direction == HomeDirection::Positive);
-        let position = axis.position();
+        let position = pulses.with(|pulses| pulses.trains.position(axis.axis()));
         let target = if upward {
             position.saturating_add_unsigned(p.home_travel)
         } else {
             position.saturating_sub_unsigned(p.home_travel)
         };
-        axis.run(now_us, target, speed, p)
+        axis.run(pulses, now_us, target, speed, p)
     }
 }
 

@@ -3,13 +3,16 @@
 //! Gears have play. The position that a motor step count stands for is the same each time only if the same flank pushes at the end,
 //! so a move that would end downward, or follow a motion that did, first goes `take_up` steps below its target.
 
-use crate::board::{AxisPins, Board, PinFailure, is_high, set};
-use crate::motion::profile::{Limits, Times};
-use crate::motion::stepper::{Due, Stepper};
-use lobelia_protocol::AxisParameters;
+use lobelia_protocol::{AxisParameters, HomeDirection};
 
-/// Shortest time that the step pin stays high, and low, in µs.
-pub(crate) const PULSE_US: u64 = 2;
+use crate::board::{Board, PinFailure, set};
+use crate::motion::fixed::TICK_SHIFT;
+use crate::motion::profile::{Limits, Times};
+use crate::motion::pulses::{PulsesCell, Watch};
+use crate::motion::stepper::Stepper;
+
+/// Steps are handed over at least this long before they are due, in ticks: 2 ms.
+const AHEAD: u64 = 2000 << TICK_SHIFT;
 
 /// What a parameter set allows in moves.
 fn limits(p: &AxisParameters) -> Limits {
@@ -49,78 +52,94 @@ impl Plan {
     }
 }
 
-/// An axis's pins and where it is.
+/// Which way an axis may not meet its home switch during a move.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Guard {
+    None,
+    Forward(bool),
+}
+
+/// An axis's direction and enable pins, and its plan. Its steps are those of number `axis` of the [`Pulses`].
 pub(crate) struct AxisDrive<B: Board> {
-    pins: AxisPins<B>,
+    axis: usize,
+    direction: B::Output,
+    enable: B::Output,
     stepper: Stepper,
+    /// Ticks by which steps were late since the run began.
+    late: u64,
+    /// The position when last asked for a stall.
+    seen_at: i32,
     /// The approach that follows the present run.
     approach: Option<(i32, Times)>,
     /// Where to go on to, in the same direction, after braking short of it.
     onward: Option<i32>,
     limits: Limits,
+    guard: Guard,
     /// What the present position is called once the move has ended: a turn more or less on a full-turn axis.
     renamed: Option<i32>,
     /// Whether the last motion ended upward with the play taken up.
     taken_up: bool,
     /// Whether the present one will.
     ends_taken_up: bool,
-    pulse_high: bool,
-    pulse_since_us: u64,
     /// Whether the position means anything.
     pub(crate) known: bool,
 }
 
 impl<B: Board> AxisDrive<B> {
-    pub(crate) fn new(pins: AxisPins<B>) -> Self {
+    pub(crate) fn new(axis: usize, direction: B::Output, enable: B::Output) -> Self {
         Self {
-            pins,
+            axis,
+            direction,
+            enable,
             stepper: Stepper::default(),
+            late: 0,
+            seen_at: 0,
             approach: None,
             onward: None,
             limits: Limits::default(),
+            guard: Guard::None,
             renamed: None,
             taken_up: false,
             ends_taken_up: false,
-            pulse_high: false,
-            pulse_since_us: 0,
             known: false,
         }
     }
 
-    pub(crate) fn position(&self) -> i32 {
-        self.stepper.position()
-    }
-
-    /// Whether the run goes toward higher steps.
-    pub(crate) fn forward(&self) -> bool {
-        self.stepper.forward()
+    /// Number of the axis.
+    pub(crate) fn axis(&self) -> usize {
+        self.axis
     }
 
     /// Whether the axis is under way.
     pub(crate) fn moving(&self) -> bool {
-        self.stepper.running() || self.approach.is_some() || self.pulse_high
+        self.stepper.running() || self.approach.is_some()
     }
 
-    /// Whether the home switch is closed.
-    pub(crate) fn at_switch(&mut self) -> Result<bool, PinFailure> {
-        is_high(&mut self.pins.home)
-    }
-
-    /// When this axis next has to be polled, in µs.
-    pub(crate) fn next_us(&self) -> u64 {
-        let pulse_end = self.pulse_since_us + PULSE_US;
-        if self.pulse_high {
-            pulse_end
-        } else if self.stepper.running() {
-            self.stepper.due_us().max(pulse_end)
+    /// When this axis next has to be polled, in µs: at the run's end, or when too few bursts wait.
+    pub(crate) fn next_us(&self, pulses: &mut B::Pulses, now_us: u64) -> u64 {
+        if let Some(end) = self.stepper.end() {
+            let end_us = (end + self.late).div_ceil(1 << TICK_SHIFT);
+            // The last pulse may end a little after the run.
+            if end_us <= now_us { now_us + 1 } else { end_us }
+        } else if self.stepper.running() && !pulses.with(|pulses| pulses.trains.has_room(self.axis)) {
+            now_us
+                .saturating_add_signed(i64::from(
+                    pulses.with(|pulses| pulses.trains.ebb(self.axis, now_us as u32)) >> TICK_SHIFT,
+                ))
+                .max(now_us + 1)
         } else {
             u64::MAX
         }
     }
 
+    /// Whether steps were made since this was last asked.
+    pub(crate) fn stepped(&mut self, pulses: &mut B::Pulses) -> bool {
+        let position = pulses.with(|pulses| pulses.trains.position(self.axis));
+        core::mem::replace(&mut self.seen_at, position) != position
+    }
+
     /// Plans a move from rest. On a full-turn axis it goes the shorter way.
-    pub(crate) fn plan(&self, target: i32, p: &AxisParameters) -> Plan {
-        let position = self.position();
+    pub(crate) fn plan(&self, position: i32, target: i32, p: &AxisParameters) -> Plan {
         let target = nearest_turn(position, target, p.full_turn_steps);
         let below = target.saturating_sub_unsigned(p.take_up_steps);
         let limits = limits(p);
@@ -136,32 +155,54 @@ impl<B: Board> AxisDrive<B> {
     }
 
     /// Begins a planned move, at whose end the position is called `target`.
-    pub(crate) fn begin(&mut self, now_us: u64, plan: &Plan, target: i32) -> Result<(), PinFailure> {
+    pub(crate) fn begin(
+        &mut self,
+        pulses: &mut B::Pulses,
+        now_us: u64,
+        plan: &Plan,
+        target: i32,
+        p: &AxisParameters,
+    ) -> Result<(), PinFailure> {
         self.taken_up = false;
         self.ends_taken_up = true;
         self.approach = plan.approach;
         self.limits = plan.limits;
         self.renamed = Some(target);
+        // An axis that turns round and round passes its index.
+        self.guard = match (p.full_turn_steps, p.home_direction) {
+            (0, direction) => Guard::Forward(direction == HomeDirection::Positive),
+            _ => Guard::None,
+        };
         let (first, times) = plan.first;
-        self.start(now_us, first, times)
+        self.start(pulses, now_us, first, times)
     }
 
     /// Changes the target of the move under way without braking; false, and nothing changed, where it can't be.
-    pub(crate) fn redirect(&mut self, now_us: u64, target: i32, p: &AxisParameters) -> bool {
-        let turned = nearest_turn(self.position(), target, p.full_turn_steps);
+    pub(crate) fn redirect(
+        &mut self,
+        pulses: &mut B::Pulses,
+        now_us: u64,
+        target: i32,
+        p: &AxisParameters,
+    ) -> bool {
+        let position = pulses.with(|pulses| pulses.trains.planned_position(self.axis));
+        let turned = nearest_turn(position, target, p.full_turn_steps);
         // Only on a single upward run: then the play is taken up at the new target as it would be at the old one.
         let upward = self.stepper.forward() && self.approach.is_none() && self.ends_taken_up;
-        let room = turned.saturating_sub_unsigned(p.take_up_steps) >= self.position();
-        let redirected = upward && room && self.stepper.redirect(now_us, turned);
+        let room = turned.saturating_sub_unsigned(p.take_up_steps) >= position;
+        let redirected = upward
+            && room
+            && self.stepper.redirect(self.on_time(now_us), i64::from(turned) - i64::from(position));
         if redirected {
             self.renamed = Some(target);
         }
         redirected
     }
 
-    /// Starts a single run without take-up, as homing needs.
+    /// Starts a single run without take-up that writes the home switch down, as homing needs.
     pub(crate) fn run(
         &mut self,
+        pulses: &mut B::Pulses,
         now_us: u64,
         target: i32,
         speed: u32,
@@ -170,30 +211,54 @@ impl<B: Board> AxisDrive<B> {
         self.taken_up = false;
         self.ends_taken_up = false;
         self.renamed = None;
+        self.guard = Guard::None;
         self.limits = Limits { speed, ..limits(p) };
-        let times = Times::shortest(target.abs_diff(self.position()), self.limits);
-        self.start(now_us, target, times)
+        let times = Times::shortest(
+            target.abs_diff(pulses.with(|pulses| pulses.trains.position(self.axis))),
+            self.limits,
+        );
+        self.start(pulses, now_us, target, times)
     }
 
-    fn start(&mut self, now_us: u64, target: i32, times: Times) -> Result<(), PinFailure> {
-        set(&mut self.pins.enable, true)?;
-        let upward = target > self.position();
-        set(&mut self.pins.direction, upward)?;
-        self.stepper.start(now_us, target, self.limits, times);
+    fn start(
+        &mut self,
+        pulses: &mut B::Pulses,
+        now_us: u64,
+        target: i32,
+        times: Times,
+    ) -> Result<(), PinFailure> {
+        let position = pulses.with(|pulses| pulses.trains.position(self.axis));
+        let upward = target > position;
+        set(&mut self.enable, true)?;
+        set(&mut self.direction, upward)?;
+        let watch = match self.guard {
+            Guard::Forward(toward) if toward == upward => Watch::Limit,
+            Guard::Forward(_) => Watch::Nothing,
+            Guard::None if self.ends_taken_up => Watch::Nothing,
+            Guard::None => Watch::Switch,
+        };
+        pulses.with(|pulses| pulses.begin(self.axis, upward, watch));
+        self.late = 0;
+        self.stepper.start(now_us << TICK_SHIFT, upward, target.abs_diff(position), self.limits, times);
+        self.refill(pulses, now_us);
         Ok(())
     }
 
     /// Ends the present run after `distance` more steps, or as soon as the ramp allows: with a halt on the way if it is still
     /// speeding up.
-    pub(crate) fn shorten(&mut self, now_us: u64, distance: u32) {
-        let position = self.position();
-        let target = if self.forward() {
+    pub(crate) fn shorten(&mut self, pulses: &mut B::Pulses, now_us: u64, distance: u32) {
+        let position = pulses.with(|pulses| pulses.trains.position(self.axis));
+        let forward = self.stepper.forward();
+        let target = if forward {
             position.saturating_add_unsigned(distance)
         } else {
             position.saturating_sub_unsigned(distance)
         };
-        if !self.stepper.redirect(now_us, target) {
-            self.stepper.brake(now_us);
+        let ahead =
+            i64::from(target) - i64::from(pulses.with(|pulses| pulses.trains.planned_position(self.axis)));
+        let now = self.on_time(now_us);
+        if !self.stepper.redirect(now, if forward { ahead } else { -ahead }) {
+            self.stepper.brake(now);
             self.onward = Some(target);
         }
     }
@@ -204,11 +269,11 @@ impl<B: Board> AxisDrive<B> {
         self.onward = None;
         self.ends_taken_up = false;
         self.renamed = None;
-        self.stepper.brake(now_us);
+        self.stepper.brake(self.on_time(now_us));
     }
 
     /// Ceases at once, releases the motor and forgets the position.
-    pub(crate) fn cut(&mut self) -> Result<(), PinFailure> {
+    pub(crate) fn cut(&mut self, pulses: &mut B::Pulses) -> Result<(), PinFailure> {
         self.stepper.halt();
         self.approach = None;
         self.onward = None;
@@ -216,63 +281,71 @@ impl<B: Board> AxisDrive<B> {
         self.taken_up = false;
         self.ends_taken_up = false;
         self.known = false;
-        self.pulse_high = false;
-        let step = set(&mut self.pins.step, false);
-        set(&mut self.pins.enable, false).and(step)
+        let step = pulses.with(|pulses| pulses.halt(self.axis));
+        set(&mut self.enable, false).and(step)
     }
 
     /// Takes the present position for `position`, reached upward with the play taken up.
-    pub(crate) fn homed(&mut self, position: i32) {
-        self.stepper.set_position(position);
+    pub(crate) fn homed(&mut self, pulses: &mut B::Pulses, position: i32) {
+        pulses.with(|pulses| pulses.trains.set_position(self.axis, position));
         self.known = true;
         self.taken_up = true;
     }
 
     /// Forgets the position, to count from 0.
-    pub(crate) fn forget(&mut self) {
-        self.stepper.set_position(0);
+    pub(crate) fn forget(&mut self, pulses: &mut B::Pulses) {
+        pulses.with(|pulses| pulses.trains.set_position(self.axis, 0));
         self.known = false;
         self.taken_up = false;
     }
 
-    /// Does what is due; gives whether a step was made.
-    pub(crate) fn poll(&mut self, now_us: u64) -> Result<bool, PinFailure> {
-        if now_us < self.next_us() {
-            return Ok(false);
+    /// Hands steps over in time, and goes on to what follows the run when it has ended.
+    pub(crate) fn poll(&mut self, pulses: &mut B::Pulses, now_us: u64) -> Result<(), PinFailure> {
+        if !self.stepper.running() {
+            return Ok(());
         }
-        if self.pulse_high {
-            self.pulse_high = false;
-            self.pulse_since_us = now_us;
-            set(&mut self.pins.step, false)?;
-            return Ok(false);
+        self.late +=
+            u64::from(pulses.with(|pulses| pulses.trains.late(self.axis)).wrapping_sub(self.late as u32));
+        self.refill(pulses, now_us);
+        let ended = self.stepper.end().is_some_and(|end| self.on_time(now_us) >= end);
+        if ended && pulses.with(|pulses| pulses.trains.resting(self.axis)) {
+            self.end_run(pulses, now_us)
+        } else {
+            Ok(())
         }
-        if self.stepper.due() == Due::End {
-            self.end_run(now_us)?;
-            return Ok(false);
+    }
+
+    /// The time in ticks at which the plan would be if no step had been late.
+    fn on_time(&self, now_us: u64) -> u64 {
+        (now_us << TICK_SHIFT).saturating_sub(self.late)
+    }
+
+    fn refill(&mut self, pulses: &mut B::Pulses, now_us: u64) {
+        let before = self.on_time(now_us) + AHEAD;
+        while pulses.with(|pulses| pulses.trains.has_room(self.axis))
+            && let Some(burst) = self.stepper.next_burst(before)
+        {
+            pulses.with(|pulses| pulses.trains.push(self.axis, now_us as u32, burst));
         }
-        self.pulse_since_us = now_us;
-        set(&mut self.pins.step, true)?;
-        self.pulse_high = true;
-        self.stepper.stepped(now_us);
-        Ok(true)
     }
 
     /// At the end of a run: begins the approach, or notes that the move is done.
-    fn end_run(&mut self, now_us: u64) -> Result<(), PinFailure> {
-        self.stepper.ended();
+    fn end_run(&mut self, pulses: &mut B::Pulses, now_us: u64) -> Result<(), PinFailure> {
+        self.stepper.halt();
+        let position = pulses.with(|pulses| pulses.trains.position(self.axis));
         if let Some(target) = self.onward.take()
-            && target != self.position()
-            && (target > self.position()) == self.forward()
+            && target != position
+            && (target > position) == self.stepper.forward()
         {
-            let times = Times::shortest(target.abs_diff(self.position()), self.limits);
-            return self.start(now_us, target, times);
+            let times = Times::shortest(target.abs_diff(position), self.limits);
+            return self.start(pulses, now_us, target, times);
         }
         if let Some((target, times)) = self.approach.take() {
-            return self.start(now_us, target, times);
+            return self.start(pulses, now_us, target, times);
         }
         self.taken_up = self.ends_taken_up;
         if let Some(name) = self.renamed.take() {
-            self.stepper.set_position(name);
+            pulses.with(|pulses| pulses.trains.set_position(self.axis, name));
         }
         Ok(())
     }

@@ -5,8 +5,8 @@
 //! the times follow: (a + b)/J, (v + a²/2J − b²/J)/b and b/J. The same holds for an a below 0, when the run
 //! was braking already.
 
-use crate::motion::fixed::{Cubic, Guess, STEP, TICKS_PER_S};
-use crate::motion::profile::{Limits, State};
+use crate::motion::fixed::{Cubic, TICKS_PER_S, last_step_to};
+use crate::motion::profile::{Limits, State, Stretch};
 
 /// The segments of a braking.
 #[derive(Debug, Clone, Default)]
@@ -14,7 +14,7 @@ pub(crate) struct Brake {
     segments: [Cubic; 3],
     current: usize,
     started: u64,
-    guess: Guess,
+    guess: u32,
 }
 
 impl Brake {
@@ -38,21 +38,29 @@ impl Brake {
             state = next;
             cubic
         });
-        Self { segments, current: 0, started: 0, guess: Guess::at(0) }
+        Self { segments, current: 0, started: 0, guess: 0 }
     }
 
-    /// The time in ticks of the next step, `step` steps after the last one made before braking; `None` when at rest first.
-    pub(crate) fn step_time(&mut self, step: u32) -> Option<u64> {
-        let half_way = (i64::from(step) << 32) - STEP / 2;
+    /// The stretch that a position in 2⁻³² steps from the last step made before braking lies in; `None` when at rest before.
+    /// Positions asked for never go back to a stretch before.
+    pub(crate) fn stretch(&mut self, position: i64) -> Option<Stretch> {
         loop {
             let segment = self.segments.get(self.current)?;
-            if half_way <= segment.at(u32::MAX) && half_way >= segment.c[0] {
-                return Some(self.started + segment.solve(half_way, &mut self.guess));
+            let end = segment.at(u32::MAX);
+            if position <= end && position >= segment.c[0] {
+                return Some(Stretch { last: last_step_to(end), pace: None });
             }
             self.started += segment.ticks;
             self.current += 1;
-            self.guess = Guess::at(0);
+            self.guess = 0;
         }
+    }
+
+    /// The time in ticks at which a position within the present stretch is passed.
+    pub(crate) fn time_at(&mut self, position: i64) -> u64 {
+        self.segments
+            .get(self.current)
+            .map_or(0, |segment| self.started + segment.solve(position, &mut self.guess))
     }
 
     /// The whole time in ticks.

@@ -1,8 +1,8 @@
 //! Fixed-point arithmetic for profiles: positions in 2⁻³² steps, times in ticks of 1/256 µs, and cubics of a fraction
 //! of their segment, so that every coefficient is a distance and none can overflow.
 //!
-//! Planning uses 128-bit integers; what runs at each step ([`Cubic::solve`]) uses 32 × 64-bit products and one 64-bit
-//! division an iteration.
+//! Planning uses 128-bit integers; [`Cubic::solve`], which runs a few times a burst of steps, uses 32 × 64-bit products and one
+//! 64-bit division an iteration.
 
 /// Ticks in a second.
 pub(crate) const TICKS_PER_S: u64 = 256_000_000;
@@ -57,13 +57,6 @@ pub(crate) struct Cubic {
     pub(crate) ticks: u64,
 }
 
-/// Where a solution is looked for first: the last one and the one before.
-#[derive(Debug, Clone, Copy, Default)]
-pub(crate) struct Guess {
-    u: u32,
-    change: i32,
-}
-
 impl Cubic {
     /// Position at a fraction of the segment's time.
     pub(crate) fn at(&self, u: u32) -> i64 {
@@ -88,10 +81,11 @@ impl Cubic {
     }
 
     /// The time in ticks since the segment's start at which a position is passed; the segment rises from below to above it.
-    /// Newton's method, kept within a bracket; begins at the guess and leaves the solution there for the next one.
-    pub(crate) fn solve(&self, position: i64, guess: &mut Guess) -> u64 {
+    /// Newton's method, kept within a bracket; begins at the guess, a fraction of the segment, and leaves the solution there for
+    /// the next one.
+    pub(crate) fn solve(&self, position: i64, guess: &mut u32) -> u64 {
         let (mut low, mut high) = (0, u32::MAX);
-        let mut u = guess.u.saturating_add_signed(guess.change);
+        let mut u = *guess;
         for _ in 0..MOST_ITERATIONS {
             let off = self.at(u) - position;
             if off > 0 {
@@ -109,17 +103,19 @@ impl Cubic {
                 break;
             }
         }
-        let change = i64::from(u) - i64::from(guess.u);
-        *guess = Guess { u, change: i32::try_from(change).unwrap_or(0) };
+        *guess = u;
         fraction_of(self.ticks, u)
     }
 }
 
-impl Guess {
-    /// Nothing solved yet in this segment: begin at a fraction of it.
-    pub(crate) const fn at(u: u32) -> Self {
-        Self { u, change: 0 }
-    }
+/// Where the profile is when a step is made: half a step before the step's own position.
+pub(crate) fn half_way(step: u32) -> i64 {
+    (i64::from(step) << 32) - STEP / 2
+}
+
+/// The last step made up to a position.
+pub(crate) fn last_step_to(position: i64) -> u32 {
+    ((position + STEP / 2) >> 32) as u32
 }
 
 /// A fraction of a number of ticks.
@@ -128,11 +124,31 @@ pub(crate) fn fraction_of(ticks: u64, u: u32) -> u64 {
     (ticks >> 32) * u64::from(u) + low
 }
 
-/// `n / d` in 2⁻³², for `d` above 0; coarser when n is above half a step.
+/// `n / d` in 2⁻³² to about 15 bits, for `d` above 0, where it is below 2³¹; by a division of 32 bits, which these processors have.
 fn quotient(n: i64, d: i64) -> Option<i64> {
-    let excess = (64 - n.unsigned_abs().leading_zeros()).saturating_sub(31);
-    let d = d >> excess;
-    (d > 0).then(|| ((n >> excess) << 32) / d)
+    let size = n.unsigned_abs();
+    if d <= 0 || size >= 1 << 62 {
+        return None;
+    }
+    if size == 0 {
+        return Some(0);
+    }
+    // Both as 32 and 16 bits and a power of two.
+    let up = size.leading_zeros();
+    let down = 48 - (d as u64).leading_zeros() as i32;
+    let high = ((size << up) >> 32) as u32;
+    let low = if down >= 0 { d >> down } else { d << -down } as u32;
+    // n = high · 2^(32 − up), d = low · 2^down.
+    let shift = 64 - up as i32 - down;
+    let ratio = u64::from(high / low);
+    let ratio = if shift >= 47 {
+        return None;
+    } else if shift >= 0 {
+        ratio << shift
+    } else {
+        ratio >> -shift.max(-63)
+    };
+    Some(if n < 0 { -(ratio as i64) } else { ratio as i64 })
 }
 
 #[cfg(test)]
@@ -166,11 +182,11 @@ mod tests {
         #[test]
         fn solution_is_where_the_cubic_passes(
             rise in 1i64..1 << 28, bend in 0i64..1 << 28, ticks in 1_000_000u64..1 << 36, part in 0.0..1.0f64,
-            first in any::<u32>(),
+            mut guess in any::<u32>(),
         ) {
             let cubic = Cubic { c: [0, rise << 32, 0, bend << 32], ticks };
             let position = (cubic.end() as f64 * part) as i64;
-            let solved = cubic.solve(position, &mut Guess::at(first)) as f64 / ticks as f64;
+            let solved = cubic.solve(position, &mut guess) as f64 / ticks as f64;
             let error = solved * (rise as f64 + solved * solved * bend as f64) - position as f64 / STEP as f64;
             let slope = rise as f64 + 3.0 * solved * solved * bend as f64;
             // In ticks: half a µs at most.

@@ -8,7 +8,7 @@
 //! So times rounded up to whole ticks, or stretched, keep every limit and still end exactly on target. The motor steps
 //! when the profile is halfway between two steps: the first half a step after the start, the last half a step before the end.
 
-use crate::motion::fixed::{Cubic, Guess, STEP, TICKS_PER_S, cube_root_up, mul_div, root_up};
+use crate::motion::fixed::{Cubic, TICKS_PER_S, cube_root_up, half_way, last_step_to, mul_div, root_up};
 
 /// What an axis's motion may not exceed: steps/s, steps/s², steps/s³; all above 0.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
@@ -96,15 +96,24 @@ pub(crate) struct Profile {
     ramp: [Cubic; 3],
     /// The cruising speed: so many steps in so many ticks.
     pace: (u64, u64),
+    /// The time from step to step at that speed, in 2⁻³² ticks rounded down; the highest number where it is more.
+    interval: u64,
 }
 
-/// How far the search for step times has got. One step after the other costs little; any order is right.
+/// Where the search for the last time ended: the next one, near it, costs little. Any order is right.
 #[derive(Debug, Clone, Copy, Default)]
 pub(crate) struct Cursor {
     segment: Option<(bool, usize)>,
-    guess: Guess,
-    /// In the cruise: the last step, its time, and the part of a tick left over, in units of 1/steps of the pace.
-    cruise: Option<(u32, u64, u64)>,
+    guess: u32,
+}
+
+/// A part of a course on which one formula holds.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub(crate) struct Stretch {
+    /// Its last step.
+    pub(crate) last: u32,
+    /// The time from step to step in 2⁻³² ticks, where it is the same throughout.
+    pub(crate) pace: Option<u64>,
 }
 
 /// Position, speed and acceleration at an instant: 2⁻³² steps, 2⁻³² steps/s, 2⁻³² steps/s².
@@ -133,7 +142,10 @@ impl Profile {
         let c1 = jj + 2 * jh;
         // Its constant makes it end exactly where the cruise begins.
         let down = Cubic { c: [end - c1 - jj + sixth, c1, jj, -sixth], ticks: jerk };
-        Self { distance, times, ramp: [up, level, down], pace: (u64::from(distance), times.y()) }
+        let pace = (u64::from(distance), times.y());
+        let interval = (u128::from(pace.1) << 32) / u128::from(pace.0);
+        let interval = u64::try_from(interval).unwrap_or(u64::MAX);
+        Self { distance, times, ramp: [up, level, down], pace, interval }
     }
 
     /// Distance in steps.
@@ -151,52 +163,53 @@ impl Profile {
         self.ramp[2].end()
     }
 
-    /// Time in ticks of a step, 1 to the distance, from the start.
-    pub(crate) fn step_time(&self, step: u32, cursor: &mut Cursor) -> u64 {
-        let half_way = (i64::from(step) << 32) - STEP / 2;
-        let left = (i64::from(self.distance) << 32) - half_way;
-        if half_way <= self.ramp_end() {
-            self.ramp_time(half_way, true, cursor)
+    /// The stretch that a step, 1 to the distance, lies in.
+    pub(crate) fn stretch(&self, step: u32) -> Stretch {
+        let whole = i64::from(self.distance) << 32;
+        let position = half_way(step);
+        let left = whole - position;
+        if position <= self.ramp_end() {
+            let next = self.ramp.get(self.segment(position) + 1);
+            let end = next.map_or(self.ramp_end(), |next| next.c[0] - 1);
+            Stretch { last: last_step_to(end), pace: None }
         } else if left <= self.ramp_end() {
-            self.total() - self.ramp_time(left, false, cursor)
+            let end = self.ramp[self.segment(left)].c[0];
+            Stretch { last: last_step_to(whole - end).min(self.distance), pace: None }
         } else {
-            self.cruise_time(step, half_way, cursor)
+            Stretch { last: last_step_to(whole - self.ramp_end() - 1), pace: Some(self.interval) }
         }
     }
 
+    /// The time in ticks from the start at which a position in 2⁻³² steps is passed.
+    pub(crate) fn time_at(&self, position: i64, cursor: &mut Cursor) -> u64 {
+        let left = (i64::from(self.distance) << 32) - position;
+        if position <= self.ramp_end() {
+            self.ramp_time(position, true, cursor)
+        } else if left <= self.ramp_end() {
+            self.total() - self.ramp_time(left, false, cursor)
+        } else {
+            let (steps, ticks) = self.pace;
+            let into = (position - self.ramp_end()) as u64;
+            self.times.ramp() + ((u128::from(into) * u128::from(ticks) / u128::from(steps)) >> 32) as u64
+        }
+    }
+
+    /// The segment of the ramp in which a position lies.
+    fn segment(&self, position: i64) -> usize {
+        (0..2).find(|&k| position < self.ramp[k + 1].c[0]).unwrap_or(2)
+    }
+
     fn ramp_time(&self, position: i64, up: bool, cursor: &mut Cursor) -> u64 {
-        let segment = (0..2).find(|&k| position < self.ramp[k + 1].c[0]).unwrap_or(2);
+        let segment = self.segment(position);
         if cursor.segment != Some((up, segment)) {
             cursor.segment = Some((up, segment));
-            cursor.guess = Guess::at(if up && segment > 0 { 0 } else { u32::MAX });
+            cursor.guess = if up && segment > 0 { 0 } else { u32::MAX };
         }
         self.segment_start(segment) + self.ramp[segment].solve(position, &mut cursor.guess)
     }
 
     fn segment_start(&self, segment: usize) -> u64 {
         self.ramp[..segment].iter().map(|cubic| cubic.ticks).sum()
-    }
-
-    /// Steps of the cruise are evenly spaced: the remainder of each division is carried, so no error adds up.
-    fn cruise_time(&self, step: u32, half_way: i64, cursor: &mut Cursor) -> u64 {
-        let (steps, ticks) = self.pace;
-        let (time, left_over) = match cursor.cruise {
-            Some((last, time, left_over)) if last + 1 == step => {
-                let sum = left_over + ticks % steps;
-                let carry = u64::from(sum >= steps);
-                (time + ticks / steps + carry, sum - carry * steps)
-            }
-            _ => {
-                let into = (half_way - self.ramp_end()) as u64;
-                (
-                    self.times.ramp()
-                        + (u128::from(into) * u128::from(ticks) / (u128::from(steps) << 32)) as u64,
-                    0,
-                )
-            }
-        };
-        cursor.cruise = Some((step, time, left_over));
-        time
     }
 
     /// The same run with another length of cruise, so that it ends `distance` steps from its start; `None` if at

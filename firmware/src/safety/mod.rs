@@ -9,8 +9,8 @@ use crate::board::{PinFailure, is_high};
 
 /// The emergency stop as an interrupt sees it.
 ///
-/// The handler calls [`Self::trip`] and may release the motors itself. From then on the controller makes no step: it looks before each
-/// one, and cuts everything at its next poll. [`emergency_stop`] is the same as a function.
+/// The handler calls [`Self::trip`] and should let the step pins go itself. The controller cuts everything at its next poll,
+/// half a millisecond later at most while axes move. [`emergency_stop`] is the same as a function.
 #[derive(Debug, Default)]
 pub struct EmergencyStop(AtomicBool);
 
@@ -23,6 +23,11 @@ impl EmergencyStop {
     /// Trips it; for an interrupt handler.
     pub fn trip(&self) {
         self.0.store(true, Ordering::Release);
+    }
+
+    /// Whether it was tripped and the controller hasn't yet cut everything.
+    pub fn is_tripped(&self) -> bool {
+        self.0.load(Ordering::Acquire)
     }
 
     /// Whether it was tripped since this was last asked.

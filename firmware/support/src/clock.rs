@@ -28,6 +28,20 @@ impl<const TICKS_PER_US: u32, const PERIOD_US: u32> Clock<TICKS_PER_US, PERIOD_U
         self.periods.store(periods, Relaxed);
     }
 
+    /// The lower half of [`Self::now_us`], for less work.
+    #[inline(always)]
+    pub fn wrapping_us(&self, mut counter: impl FnMut() -> (u32, bool)) -> u32 {
+        loop {
+            let periods = self.periods.load(Relaxed);
+            let (value, waiting) = counter();
+            if self.periods.load(Relaxed) == periods {
+                let over = u32::from(waiting && value > Self::RELOAD / 2);
+                let in_period = (Self::RELOAD - value) / TICKS_PER_US;
+                return periods.wrapping_add(over).wrapping_mul(PERIOD_US).wrapping_add(in_period);
+            }
+        }
+    }
+
     /// The time in µs. `counter` gives the counter's value and then whether its interrupt is waiting to run, read in
     /// this order; the interrupt may come at any moment.
     pub fn now_us(&self, mut counter: impl FnMut() -> (u32, bool)) -> u64 {
@@ -73,6 +87,8 @@ mod tests {
         assert_eq!(clock.now_us(|| (TestClock::RELOAD, true)), 1000);
         // Read just before the wrap, which then came.
         assert_eq!(clock.now_us(|| (0, true)), 999);
+        assert_eq!(clock.wrapping_us(|| (TestClock::RELOAD, true)), 1000);
+        assert_eq!(clock.wrapping_us(|| (0, true)), 999);
     }
 
     #[test]
@@ -97,5 +113,6 @@ mod tests {
         clock.periods.store(u32::MAX, Relaxed);
         clock.period_over();
         assert_eq!(clock.now_us(|| (TestClock::RELOAD, false)), (1 << 32) * 1000);
+        assert_eq!(clock.wrapping_us(|| (TestClock::RELOAD - 50, false)), 1);
     }
 }

@@ -1,11 +1,13 @@
 //! What the boards' binaries share and no pin or register decides: bytes between interrupt and main loop ([`ring`],
 //! [`link`]), a clock from a counter that wraps ([`clock`]), home switches and a lamp for boards under emulation
-//! ([`model`]), and the count of instructions a step ([`rates`]).
+//! ([`model`], [`trace`]), the count of instructions a step ([`rates`]), and a crash's record ([`crash`]).
 #![no_std]
 #![forbid(unsafe_code)]
 
 pub mod clock;
+pub mod crash;
 pub mod link;
 pub mod model;
 pub mod rates;
 pub mod ring;
+pub mod trace;

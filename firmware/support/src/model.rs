@@ -8,7 +8,9 @@ use core::sync::atomic::{AtomicBool, AtomicI32, AtomicU32, Ordering::Relaxed};
 
 use embedded_hal::digital::{ErrorType, InputPin, OutputPin};
 use embedded_hal::pwm::{self, SetDutyCycle};
-use lobelia_firmware::AnalogInput;
+use lobelia_firmware::{AnalogInput, StepPins};
+
+use crate::trace::Trace;
 
 /// Where an axis is at power-up, in steps above its lower switch.
 pub const START: i32 = 300;
@@ -22,35 +24,26 @@ pub const FULL_READING: u32 = 3000;
 pub struct Axis {
     position: AtomicI32,
     up: AtomicBool,
-    step_level: AtomicBool,
+    /// Which axis this is, and where its steps are noted.
+    index: u8,
+    trace: &'static Trace,
 }
 
 impl Axis {
-    /// An axis just switched on.
-    pub const fn new() -> Self {
-        Self {
-            position: AtomicI32::new(START),
-            up: AtomicBool::new(false),
-            step_level: AtomicBool::new(false),
-        }
+    /// An axis just switched on, with its number among the four.
+    pub const fn new(index: u8, trace: &'static Trace) -> Self {
+        Self { position: AtomicI32::new(START), up: AtomicBool::new(false), index, trace }
     }
 
-    fn step(&self, high: bool) {
-        if high && !self.step_level.load(Relaxed) {
-            let by = if self.up.load(Relaxed) { 1 } else { -1 };
-            self.position.store(self.position.load(Relaxed) + by, Relaxed);
-        }
-        self.step_level.store(high, Relaxed);
+    fn step(&self) {
+        let up = self.up.load(Relaxed);
+        self.trace.step(self.index, up);
+        let by = if up { 1 } else { -1 };
+        self.position.store(self.position.load(Relaxed) + by, Relaxed);
     }
 
     fn at_switch(&self) -> bool {
         !(1..UPPER).contains(&self.position.load(Relaxed))
-    }
-}
-
-impl Default for Axis {
-    fn default() -> Self {
-        Self::new()
     }
 }
 
@@ -59,8 +52,6 @@ impl Default for Axis {
 pub enum Role {
     /// Nothing.
     None,
-    /// Steps an axis.
-    Step(&'static Axis),
     /// Turns an axis.
     Direction(&'static Axis),
 }
@@ -78,7 +69,6 @@ impl<P> Output<P> {
     fn tell(&self, high: bool) {
         match self.role {
             Role::None => {}
-            Role::Step(axis) => axis.step(high),
             Role::Direction(axis) => axis.up.store(high, Relaxed),
         }
     }
@@ -97,6 +87,35 @@ impl<P: OutputPin> OutputPin for Output<P> {
     fn set_high(&mut self) -> Result<(), P::Error> {
         self.tell(true);
         self.pin.set_high()
+    }
+}
+
+/// Real step pins that the modelled axes listen to, until [`STANDS_STILL`].
+#[derive(Debug)]
+pub struct StepPort<P> {
+    /// The real pins.
+    pub pins: P,
+    /// What they step.
+    pub axes: &'static [Axis; 4],
+}
+
+/// Whether the modelled axes stay where they are whatever the steps, which costs no time then.
+pub static STANDS_STILL: AtomicBool = AtomicBool::new(false);
+
+impl<P: StepPins> StepPins for StepPort<P> {
+    #[inline]
+    fn write(&mut self, raise: u8, lower: u8) -> bool {
+        if !STANDS_STILL.load(Relaxed) {
+            step(self.axes, raise);
+        }
+        self.pins.write(raise, lower)
+    }
+}
+
+#[inline(never)]
+fn step(axes: &[Axis; 4], raise: u8) {
+    for (_, axis) in axes.iter().enumerate().filter(|(axis, _)| raise & 1 << axis != 0) {
+        axis.step();
     }
 }
 
@@ -198,16 +217,18 @@ mod tests {
 
     #[test]
     fn switch_closes_after_as_many_steps_down_as_the_start_is_above_it() {
-        static AXIS: Axis = Axis::new();
-        let mut step = Output { pin: Pin(false), role: Role::Step(&AXIS) };
+        static TRACE: Trace = Trace::new(|| 0);
+        static AXES: [Axis; 4] =
+            [Axis::new(0, &TRACE), Axis::new(1, &TRACE), Axis::new(2, &TRACE), Axis::new(3, &TRACE)];
+        let mut port = StepPort { pins: [const { Pin(false) }; 4], axes: &AXES };
         for made in 0..START {
-            assert!(!AXIS.at_switch(), "after {made}");
-            step.set_high().unwrap();
-            step.set_high().unwrap();
-            assert!(step.pin.0);
-            step.set_low().unwrap();
+            assert!(!AXES[2].at_switch(), "after {made}");
+            assert!(port.write(0b100, 0));
+            assert!(port.pins[2].0 && !port.pins[1].0);
+            assert!(port.write(0, 0b100));
+            assert!(!port.pins[2].0);
         }
-        assert!(AXIS.at_switch());
+        assert!(AXES[2].at_switch() && !AXES[1].at_switch());
     }
 
     #[test]

@@ -1,9 +1,9 @@
 //! Counts the instructions of a step: the whole controller, with real pins, is led through moves of one to four axes on
 //! a virtual clock that jumps from event to event, while a counter counts.
 //!
-//! The axes run at different speeds, so their steps seldom fall on the same moment and share little. What is
-//! counted is all that [`Controller::poll`] and [`Controller::next_event_us`] do, pulse ends included, and what the board's
-//! own loop does beside them. The interrupt's entry and exit are not: they are no instructions.
+//! The axes run at different speeds, so their steps fall on the same moment by chance only. What is counted is all that the
+//! board's interrupt does at each step and at each end of a pulse, and all of [`Controller::poll`]: planning, watching the inputs,
+//! asking the link. The interrupts' entries and exits are no instructions: they are told by their number.
 
 use lobelia_firmware::{Board, Controller, Peripherals};
 use lobelia_protocol::{
@@ -11,12 +11,15 @@ use lobelia_protocol::{
     ToController, ToHost,
 };
 
-use crate::link::{Received, ToSend};
+use core::sync::atomic::Ordering;
 
-/// Highest speed of the first axis in steps/s; each further one goes a little slower.
-const SPEED: u32 = 20_000;
-/// Steps of the first axis's move; the others' moves take as long.
-const STEPS: u32 = 4000;
+use crate::link::{Received, ToSend};
+use crate::model;
+
+/// Highest speed of the first axis in steps/s; each further one goes a little slower, so that four make 400,000 steps/s.
+const SPEED: u32 = 120_000;
+/// Steps of the first axis's move; the others' moves take about as long. A sixth of them is in the ramps.
+const STEPS: u32 = 60_000;
 
 /// Where all axes are before the first move, in steps.
 const START: i32 = 100;
@@ -28,8 +31,8 @@ pub struct Cost {
     pub axes: usize,
     /// Steps made by all axes.
     pub steps: u32,
-    /// Calls of the controller.
-    pub polls: u32,
+    /// Calls of the steps' interrupt.
+    pub calls: u32,
     /// Counts of the board's counter.
     pub counts: u64,
 }
@@ -51,36 +54,43 @@ impl<B: Board> Session<B> {
         }
     }
 
-    /// Has a command done; gives polls made and counts taken, or `None` if it was refused.
+    /// Has a command done; gives calls of the steps' interrupt and counts taken, or `None` if it was refused.
     fn request(
         &mut self,
         command: Command,
         counter: &mut impl FnMut() -> u32,
-        beside: impl FnMut(u64),
+        serve: &mut impl FnMut(u32) -> Option<u32>,
     ) -> Option<(u32, u64)> {
         self.last_id += 1;
         self.send(&ToController::Request(Request { session: 1, id: self.last_id, command }));
-        let cost = self.run(counter, beside);
+        let cost = self.run(counter, serve);
         self.done().then_some(cost)
     }
 
-    /// Runs until the controller has nothing to do; gives polls made and counts taken.
-    fn run(&mut self, counter: &mut impl FnMut() -> u32, mut beside: impl FnMut(u64)) -> (u32, u64) {
+    /// Runs until the controller has nothing to do; gives calls of the steps' interrupt and counts taken.
+    fn run(
+        &mut self,
+        counter: &mut impl FnMut() -> u32,
+        serve: &mut impl FnMut(u32) -> Option<u32>,
+    ) -> (u32, u64) {
         self.controller.poll(self.now_us);
-        let (mut polls, mut counts) = (0, 0);
-        let mut last = counter();
+        let mut step = serve(self.now_us as u32);
+        let (mut calls, mut counts) = (0, 0);
+        let counting = timed(counter, || ());
         loop {
-            let next = self.controller.next_event_us();
+            let wait = |next: u32| u64::from(next.wrapping_sub(self.now_us as u32));
+            let step_us = step.map_or(u64::MAX, |next| self.now_us + wait(next));
+            let poll_us = self.controller.next_poll_us();
+            let next = step_us.min(poll_us);
             if next == u64::MAX {
-                return (polls, counts);
+                return (calls, counts);
             }
             self.now_us = next.max(self.now_us);
-            self.controller.poll(self.now_us);
-            beside(next);
-            let now = counter();
-            counts += u64::from(now.wrapping_sub(last));
-            last = now;
-            polls += 1;
+            if poll_us <= step_us {
+                counts += u64::from(timed(counter, || self.controller.poll(self.now_us)) - counting);
+            }
+            counts += u64::from(timed(counter, || step = serve(self.now_us as u32)) - counting);
+            calls += 1;
         }
     }
 
@@ -99,8 +109,20 @@ impl<B: Board> Session<B> {
     }
 }
 
-/// Acceleration in steps/s²: the ramp is a tenth of the move.
-const ACCELERATION: u32 = SPEED * SPEED / STEPS * 10;
+/// Counts that some work takes, and the counting.
+#[inline(never)]
+fn timed(counter: &mut impl FnMut() -> u32, work: impl FnOnce()) -> u32 {
+    let before = counter();
+    work();
+    counter().wrapping_sub(before)
+}
+
+/// Acceleration in steps/s².
+const ACCELERATION: u32 = 2_000_000;
+/// Jerk in steps/s³.
+const JERK: u32 = 100_000_000;
+/// Steps below its target that a downward move goes to before it ends upward.
+const TAKE_UP: u32 = 20;
 
 /// Speed of an axis in steps/s.
 fn speed(axis: usize) -> u32 {
@@ -113,10 +135,9 @@ fn configuration() -> Configuration {
         max_steps: 500_000,
         max_speed: speed(axis),
         acceleration: ACCELERATION,
-        // A tenth of the time of a ramp to build the acceleration up.
-        jerk: (10 * (ACCELERATION as u64) * (ACCELERATION as u64) / (SPEED as u64)) as u32,
+        jerk: JERK,
         full_turn_steps: 0,
-        take_up_steps: 20,
+        take_up_steps: TAKE_UP,
         settle_ms: 0,
         home_direction: HomeDirection::Negative,
         home_position: -100,
@@ -139,38 +160,48 @@ fn configuration() -> Configuration {
     }
 }
 
-/// Moves one to four axes and tells `report` what each move cost. `counter` counts upward and wraps at 32 bits;
-/// `beside` does what the board's loop does for each poll. False if the controller refused something.
+/// Moves one to four axes there and back, and tells `report` what each pair of moves cost. `counter` counts upward and wraps at
+/// 32 bits; `serve` does what the board's interrupt does, at a time in µs that it is told. False if the controller refused something.
 ///
 /// The board's link interrupt has to be off: `received` and `to_send` are its rings, whose other ends are here.
 pub fn measure<B: Board>(
     peripherals: Peripherals<B>,
     (received, to_send): (&'static Received, &'static ToSend),
     mut counter: impl FnMut() -> u32,
-    mut beside: impl FnMut(u64),
+    mut serve: impl FnMut(u32) -> Option<u32>,
     mut report: impl FnMut(Cost),
 ) -> bool {
     let controller = Controller::new(peripherals);
     let mut session = Session { controller, received, to_send, now_us: 0, last_id: 0 };
     session.send(&ToController::Hello(Hello::new(1)));
-    session.run(&mut counter, |_| {});
-    let mut at = [START; AXES];
+    session.run(&mut counter, &mut serve);
+    let at = [START; AXES];
     for command in [Command::Configure(configuration()), Command::Home, Command::MoveTo(at)] {
-        if session.request(command, &mut counter, |_| {}).is_none() {
+        if session.request(command, &mut counter, &mut serve).is_none() {
             return false;
         }
     }
+    // The modelled axes would count the steps, which no real board does.
+    model::STANDS_STILL.store(true, Ordering::Relaxed);
     for axes in 1..=AXES {
+        let mut to = at;
         let mut steps = 0;
-        for (axis, at) in at.iter_mut().enumerate().take(axes) {
-            let by = STEPS * (speed(axis) / 100) / (SPEED / 100);
-            *at += by as i32;
-            steps += by;
+        for (axis, to) in to.iter_mut().enumerate().take(axes) {
+            let by = STEPS / 100 * (speed(axis) / 100) / (SPEED / 100) * 100;
+            *to += by as i32;
+            steps += 2 * (by + TAKE_UP);
         }
-        let Some((polls, counts)) = session.request(Command::MoveTo(at), &mut counter, &mut beside) else {
-            return false;
-        };
-        report(Cost { axes, steps, polls, counts });
+        // Away from the home switch, and toward it, when it is watched.
+        let mut cost = Cost { axes, steps, calls: 0, counts: 0 };
+        for targets in [to, at] {
+            let Some((calls, counts)) = session.request(Command::MoveTo(targets), &mut counter, &mut serve)
+            else {
+                return false;
+            };
+            cost.calls += calls;
+            cost.counts += counts;
+        }
+        report(cost);
     }
     true
 }
@@ -204,14 +235,14 @@ impl Counter {
 /// Instructions by which the counter is calibrated.
 const CALIBRATION: u32 = 4000;
 
-/// Measures and prints a line `rate axes=A steps=S polls=P instructions=I` for each number of axes, then `end`; or
+/// Measures and prints a line `rate axes=A steps=S calls=C instructions=I` for each number of axes, then `end`; or
 /// `refused`. `spend` runs as many instructions as it is told, and a few more, always the same number.
 pub fn report<B: Board>(
     peripherals: Peripherals<B>,
     rings: (&'static Received, &'static ToSend),
     mut counter: Counter,
     spend: fn(u32),
-    beside: impl FnMut(u64),
+    serve: impl FnMut(u32) -> Option<u32>,
     send: fn(u8),
 ) {
     let mut timed = |instructions| {
@@ -225,14 +256,14 @@ pub fn report<B: Board>(
         peripherals,
         rings,
         || counter.count(),
-        beside,
+        serve,
         |cost| {
             text("rate axes=");
             decimal(cost.axes as u64, send);
             text(" steps=");
             decimal(cost.steps.into(), send);
-            text(" polls=");
-            decimal(cost.polls.into(), send);
+            text(" calls=");
+            decimal(cost.calls.into(), send);
             text(" instructions=");
             decimal(cost.counts * u64::from(CALIBRATION) / counts_per_calibration, send);
             text("\n");

@@ -13,7 +13,9 @@ use embedded_hal::digital::{self, InputPin, OutputPin};
 use embedded_hal::pwm::{self, SetDutyCycle};
 use lobelia_firmware::safety::EmergencyStop;
 use lobelia_firmware::storage::Storage;
-use lobelia_firmware::{AnalogInput, AxisPins, Board, ByteLink, Controller, Options, Peripherals, Watchdog};
+use lobelia_firmware::{
+    AnalogInput, AxisPins, Board, ByteLink, Controller, Options, Peripherals, Pulses, Watchdog,
+};
 use lobelia_protocol::{
     AxisParameters, Command, Configuration, CrashCause, CrashRecord, FrameDecoder, Hello, HomeDirection,
     Outcome, Refusal, Request, Response, ToController, ToHost,
@@ -88,6 +90,8 @@ impl Watchdog for Dog {
 
 impl Board for TestBoard {
     type Output = Pin;
+    type StepPort = [Pin; 4];
+    type Pulses = Pulses<Self>;
     type Input = Pin;
     type LampLevel = Dimmer;
     type Photodiode = Diode;
@@ -226,11 +230,11 @@ impl Rig {
         let pin = |role| Pin(Rc::clone(&bench), role);
         let peripherals = Peripherals {
             axes: std::array::from_fn(|axis| AxisPins {
-                step: pin(Role::Step(axis)),
                 direction: pin(Role::Direction(axis)),
                 enable: pin(Role::Enable(axis)),
                 home: pin(Role::Home(axis)),
             }),
+            steps: std::array::from_fn(|axis| pin(Role::Step(axis))),
             shutter: pin(Role::Shutter),
             lamp: pin(Role::Lamp),
             lamp_level: Dimmer(Rc::clone(&bench)),
@@ -324,7 +328,7 @@ impl Rig {
         }
         let now = self.bench.borrow().now_us.max(next);
         self.bench.borrow_mut().now_us = now;
-        self.poll();
+        self.controller.tick(now);
         true
     }
 

@@ -9,6 +9,8 @@ use anyhow::{Context, Result, bail};
 /// Cycles of an instruction, meant over code that loads, stores, multiplies and branches from flash with its accelerator on:
 /// the Cortex-M4 needs 1 for most, 2 for a load, 2 to 4 for a taken branch, 2 to 12 for a division. Assumed, not measured.
 const CYCLES_PER_INSTRUCTION: f64 = 1.5;
+/// Cycles of an interrupt's entry and exit.
+const CYCLES_PER_INTERRUPT: f64 = 24.0;
 
 /// How QEMU runs a board's counting program, and the chip whose rate it tells.
 struct Machine {
@@ -51,19 +53,21 @@ impl Drop for Running {
 pub(crate) fn print(board: &str, programs: &Path) -> Result<()> {
     let machine = MACHINES.iter().find(|machine| machine.board == board).context("no machine for it")?;
     println!("{}: {CYCLES_PER_INSTRUCTION} cycles an instruction assumed", machine.chip);
-    println!("  axes     steps  instructions/step  cycles/step   steps/s at full load");
+    println!("  axes     steps  interrupts/step  instructions/step  cycles/step   steps/s at full load");
     for line in count(machine, &programs.join(format!("{board}-rates")))? {
         let value = |name: &str| -> Option<f64> {
             line.split(' ').find_map(|word| word.strip_prefix(name)?.strip_prefix('=')?.parse().ok())
         };
-        let (Some(axes), Some(steps), Some(instructions)) =
-            (value("axes"), value("steps"), value("instructions"))
+        let (Some(axes), Some(steps), Some(calls), Some(instructions)) =
+            (value("axes"), value("steps"), value("calls"), value("instructions"))
         else {
             bail!("the counting program said `{line}`");
         };
         let each = instructions / steps;
-        let cycles = each * CYCLES_PER_INSTRUCTION;
-        println!("  {axes:>4} {steps:>9} {each:>18.1} {cycles:>12.0} {:>13.0}", machine.clock_hz / cycles);
+        let interrupts = calls / steps;
+        let cycles = each * CYCLES_PER_INSTRUCTION + interrupts * CYCLES_PER_INTERRUPT;
+        let rate = machine.clock_hz / cycles;
+        println!("  {axes:>4} {steps:>9} {interrupts:>16.2} {each:>18.1} {cycles:>12.0} {rate:>13.0}");
     }
     Ok(())
 }

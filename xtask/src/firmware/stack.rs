@@ -1,7 +1,7 @@
 //! The worst stack of a program, from its machine code: what each function pushes, and whom it calls.
 //!
-//! The bound is the deepest path from the reset vector, plus an exception's frame, plus the deepest handler: all handlers have one
-//! priority, so none interrupts another. Calls through pointers can't be followed; their number is told.
+//! The bound is the deepest path from the reset vector, plus an exception's frame and the deepest handler, twice: handlers have two
+//! priorities, of which the upper interrupts the lower. Calls through pointers can't be followed; their number is told.
 
 use std::collections::{BTreeMap, BTreeSet, HashMap};
 
@@ -46,7 +46,7 @@ pub(crate) fn worst(elf: &Elf, vectors: u32) -> Stack {
     let handlers = (2..).map_while(|entry| elf.word_at(vectors + 4 * entry)).take(110);
     let handler = handlers.map(|address| walk.depth(address & !1)).max().unwrap_or(0);
     let pointers = functions.values().map(|function| function.pointers).sum();
-    Stack { bytes: reset + EXCEPTION_FRAME + handler, pointers, recursive: walk.recursive }
+    Stack { bytes: reset + 2 * (EXCEPTION_FRAME + handler), pointers, recursive: walk.recursive }
 }
 
 /// All functions by their addresses.

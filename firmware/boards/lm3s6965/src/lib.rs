@@ -1,30 +1,47 @@
-//! The controller's board on an LM3S6965 (Cortex-M3 at 50 MHz): registers, pins, interrupts.
+//! The controller's board on an LM3S6965 (Cortex-M3 at 50 MHz): registers, pins, interrupts, what a crash does.
 //!
 //! QEMU models this chip whole (`-M lm3s6965evb`), so it is the one that the tests run. Its feature `qemu` puts the modelled
 //! rig of `lobelia_board_support::model` in place of home switches and photodiode.
 #![no_std]
 
+#[path = "../../shared/crash.rs"]
+mod crash;
+#[cfg(feature = "qemu")]
+#[path = "../../shared/emulation.rs"]
+pub mod emulation;
+#[cfg(not(feature = "qemu"))]
+mod flash;
 mod interrupt;
+#[path = "../../shared/kept.rs"]
+mod kept;
 mod pins;
 mod register;
+#[path = "../../shared/steps.rs"]
+mod steps;
+mod watchdog;
 
 use lobelia_board_support::link::{Received, RingLink, ToSend};
 #[cfg(feature = "qemu")]
 use lobelia_board_support::model;
-use lobelia_firmware::{AxisPins, Board, Peripherals};
+use lobelia_firmware::storage::Storage;
+use lobelia_firmware::{AxisPins, Board, Options, Peripherals};
 
-pub use interrupt::{CLOCK_RELOAD, arm, now_us, sleep_until};
-pub use pins::Pin;
+pub use interrupt::{CLOCK_RELOAD, now_us, serve_steps, sleep_until, wake_steps};
 use pins::{LampLevel, map};
+pub use pins::{Pin, after_poll};
 use register::{system, timer, uart};
 
 /// The board's types.
 #[derive(Debug)]
 pub struct Lm3s6965;
 
+pub(crate) use Lm3s6965 as ThisBoard;
+
 #[cfg(not(feature = "qemu"))]
 impl Board for Lm3s6965 {
     type Output = Pin;
+    type StepPort = pins::StepPort;
+    type Pulses = steps::Steps;
     type Input = Pin;
     type LampLevel = LampLevel;
     type Photodiode = pins::Photodiode;
@@ -34,6 +51,8 @@ impl Board for Lm3s6965 {
 #[cfg(feature = "qemu")]
 impl Board for Lm3s6965 {
     type Output = model::Output<Pin>;
+    type StepPort = model::StepPort<pins::StepPort>;
+    type Pulses = steps::Steps;
     type Input = model::Input<Pin>;
     type LampLevel = model::Dimmer<LampLevel>;
     type Photodiode = model::Photodiode;
@@ -51,7 +70,7 @@ pub fn send_directly(byte: u8) {
     uart::DR.write(u32::from(byte));
 }
 
-/// Lets the link's and the timer's interrupts come.
+/// Lets interrupts other than the clock's come.
 pub fn start_interrupts() {
     interrupt::unmask();
 }
@@ -60,16 +79,41 @@ pub fn start_interrupts() {
 pub fn set_up() -> Option<Peripherals<Lm3s6965>> {
     let mut core = cortex_m::Peripherals::take()?;
     start_system_clock();
-    system::RCGC0.set_bits(1 << 16 | 1 << 20);
-    system::RCGC1.set_bits(1 << 0 | 1 << 16);
+    system::RCGC0.set_bits(1 << 3 | 1 << 16 | 1 << 20);
+    system::RCGC1.set_bits(1 << 0 | 1 << 16 | 1 << 17);
     system::RCGC2.set_bits(0x3F);
     // Three cycles until a unit whose clock was just started may be touched.
     cortex_m::asm::delay(8);
     pins::set_up();
     set_up_uart();
-    set_up_timer();
+    set_up_timers();
+    interrupt::set_priorities(&mut core.NVIC, &mut core.SCB);
     interrupt::start_clock(&mut core.SYST);
     Some(peripherals())
+}
+
+/// What the board has besides: the emergency stop's interrupt, the watchdog, memory for parameters, and the record of the last
+/// crash. To be called once.
+pub fn options() -> Options<Lm3s6965> {
+    let watchdog = cortex_m::singleton!(: watchdog::Watchdog = watchdog::Watchdog);
+    let reset = watchdog::take_reset();
+    Options {
+        storage: storage(),
+        emergency_stop: Some(&pins::EMERGENCY_STOP),
+        watchdog: watchdog.map(|watchdog| watchdog as _),
+        crash: kept::take_crash().or(reset),
+        ..Options::default()
+    }
+}
+
+#[cfg(not(feature = "qemu"))]
+fn storage() -> Option<&'static mut (dyn Storage + Send)> {
+    cortex_m::singleton!(: flash::FlashSlots = flash::FlashSlots).map(|slots| slots as _)
+}
+
+#[cfg(feature = "qemu")]
+fn storage() -> Option<&'static mut (dyn Storage + Send)> {
+    cortex_m::singleton!(: kept::KeptSlots = kept::KeptSlots).map(|slots| slots as _)
 }
 
 /// 50 MHz from the 8 MHz crystal through the PLL.
@@ -103,24 +147,26 @@ fn set_up_uart() {
     uart::CTL.write(1 << 9 | 1 << 8 | 1);
 }
 
-/// One 32-bit one-shot timer.
-fn set_up_timer() {
-    timer::CTL.write(0);
-    timer::CFG.write(0);
-    timer::TAMR.write(1);
-    timer::IMR.write(1);
+/// 32-bit one-shot timers: 0 for the main loop's sleep, 1 for the steps.
+fn set_up_timers() {
+    for timer in [timer::SLEEP, timer::STEPS] {
+        timer.control().write(0);
+        timer.configuration().write(0);
+        timer.mode().write(1);
+        timer.interrupts().write(1);
+    }
 }
 
 #[cfg(not(feature = "qemu"))]
 fn peripherals() -> Peripherals<Lm3s6965> {
     let axes = [0, 1, 2, 3].map(|axis| AxisPins {
-        step: map::step(axis),
         direction: map::direction(axis),
         enable: map::enable(axis),
         home: map::home(axis),
     });
     Peripherals {
         axes,
+        steps: pins::StepPort,
         shutter: map::SHUTTER,
         lamp: map::LAMP,
         lamp_level: LampLevel,
@@ -132,13 +178,17 @@ fn peripherals() -> Peripherals<Lm3s6965> {
 
 #[cfg(feature = "qemu")]
 fn peripherals() -> Peripherals<Lm3s6965> {
-    static AXES: [model::Axis; 4] = [const { model::Axis::new() }; 4];
+    static AXES: [model::Axis; 4] = [
+        model::Axis::new(0, &emulation::TRACE),
+        model::Axis::new(1, &emulation::TRACE),
+        model::Axis::new(2, &emulation::TRACE),
+        model::Axis::new(3, &emulation::TRACE),
+    ];
     static LIGHT: model::Light = model::Light::new();
     let output = |pin, role| model::Output { pin, role };
     let axes = [0, 1, 2, 3].map(|axis| {
         let modelled = &AXES[usize::from(axis)];
         AxisPins {
-            step: output(map::step(axis), model::Role::Step(modelled)),
             direction: output(map::direction(axis), model::Role::Direction(modelled)),
             enable: output(map::enable(axis), model::Role::None),
             home: model::Input::Switch(modelled),
@@ -146,6 +196,7 @@ fn peripherals() -> Peripherals<Lm3s6965> {
     });
     Peripherals {
         axes,
+        steps: model::StepPort { pins: pins::StepPort, axes: &AXES },
         shutter: output(map::SHUTTER, model::Role::None),
         lamp: output(map::LAMP, model::Role::None),
         lamp_level: model::Dimmer { dimmer: LampLevel, light: &LIGHT },
@@ -157,14 +208,4 @@ fn peripherals() -> Peripherals<Lm3s6965> {
 
 fn link() -> RingLink {
     RingLink { received: &interrupt::RECEIVED, to_send: &interrupt::TO_SEND, wake: interrupt::wake_uart }
-}
-
-/// Everything off, for good: the host finds the controller silent and the operator switches it off and on.
-#[panic_handler]
-fn panic(_: &core::panic::PanicInfo<'_>) -> ! {
-    cortex_m::interrupt::disable();
-    pins::safe_state();
-    loop {
-        cortex_m::asm::wfi();
-    }
 }

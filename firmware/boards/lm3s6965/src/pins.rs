@@ -1,4 +1,4 @@
-//! The board's pins as the controller sees them, and their safe state.
+//! The board's pins as the controller sees them, their safe state, and what the emergency stop does to them.
 //!
 //! | pins | use |
 //! |---|---|
@@ -15,14 +15,26 @@
 //! Steps and directions share port B so that one watcher outside the emulated chip sees both.
 
 use core::convert::Infallible;
+use core::sync::atomic::{AtomicBool, Ordering::Relaxed};
 
 use embedded_hal::digital::{ErrorType, InputPin, OutputPin};
 use embedded_hal::pwm::{self, SetDutyCycle};
+use lobelia_firmware::safety::EmergencyStop;
 
 use crate::register::{self, PORT_A, PORT_B, PORT_D, PORT_E, PORT_F, Port, Register};
 
 /// The modulator's period, in counts of the system clock: 20 kHz.
 const PWM_PERIOD: u16 = 2500;
+
+/// The pins of port B that step.
+const STEPS: u32 = 0x0F;
+/// The pin of port D that is the emergency stop.
+const STOP: u8 = 3;
+
+/// The emergency stop, between its interrupt and the controller.
+pub(crate) static EMERGENCY_STOP: EmergencyStop = EmergencyStop::new();
+/// Whether the step pins are let go, so that what is written to them reaches no driver.
+static HELD: AtomicBool = AtomicBool::new(false);
 
 /// One pin, already set up as output or input.
 #[derive(Debug)]
@@ -71,6 +83,11 @@ pub(crate) fn set_up() {
         port.direction().write(outputs);
         port.digital().write(outputs | inputs);
     }
+    // Steps stay low while the emergency stop lets them go.
+    PORT_B.pull_down().write(STEPS);
+    PORT_D.rising().write(1 << STOP);
+    PORT_D.clear().write(1 << STOP);
+    PORT_D.interrupts().write(1 << STOP);
     PORT_A.alternate().write(0x03);
     PORT_A.digital().write(0x03);
     PORT_F.alternate().write(0x01);
@@ -88,6 +105,29 @@ pub(crate) fn safe_state() {
     PORT_E.data(0x0F).write(0);
     PORT_F.data(0x0C).write(0);
     register::pwm::ENABLE.write(0);
+}
+
+/// The emergency stop's interrupt: everything off at once, whatever the controller is about to write to the step pins.
+pub(crate) fn stop() {
+    PORT_D.clear().write(1 << STOP);
+    // While they are still outputs: an input keeps what was written before, and would rise when it is taken back.
+    PORT_B.data(STEPS as u8).write(0);
+    PORT_B.direction().write(0xFF & !STEPS);
+    safe_state();
+    HELD.store(true, Relaxed);
+    EMERGENCY_STOP.trip();
+}
+
+/// Takes the step pins back once the controller has seen the stop; it steps no axis then.
+pub fn after_poll() {
+    if HELD.load(Relaxed) {
+        cortex_m::interrupt::free(|_| {
+            if !EMERGENCY_STOP.is_tripped() {
+                HELD.store(false, Relaxed);
+                PORT_B.direction().write(0xFF);
+            }
+        });
+    }
 }
 
 /// The lamp's dimmer on PWM 0.
@@ -141,12 +181,20 @@ impl lobelia_firmware::AnalogInput for Photodiode {
     }
 }
 
+/// The step pins, written at once.
+#[derive(Debug)]
+pub struct StepPort;
+
+impl lobelia_firmware::StepPins for StepPort {
+    fn write(&mut self, raise: u8, lower: u8) -> bool {
+        PORT_B.data(lower).write(0);
+        PORT_B.data(raise).write(0xFF);
+        true
+    }
+}
+
 pub(crate) mod map {
     use super::{PORT_B, PORT_D, PORT_E, PORT_F, Pin};
-
-    pub(crate) const fn step(axis: u8) -> Pin {
-        Pin::new(PORT_B, axis)
-    }
 
     pub(crate) const fn direction(axis: u8) -> Pin {
         Pin::new(PORT_B, axis + 4)
@@ -161,7 +209,7 @@ pub(crate) mod map {
         Pin::new(PORT_D, axis + 4)
     }
 
-    pub(crate) const EMERGENCY_STOP: Pin = Pin::new(PORT_D, 3);
+    pub(crate) const EMERGENCY_STOP: Pin = Pin::new(PORT_D, super::STOP);
     pub(crate) const SHUTTER: Pin = Pin::new(PORT_F, 2);
     pub(crate) const LAMP: Pin = Pin::new(PORT_F, 3);
 }

@@ -20,15 +20,60 @@ impl Register {
     }
 }
 
-/// System control: clocks.
+/// A word of the flash.
+#[cfg(not(feature = "qemu"))]
+pub(crate) fn flash_word(address: u32) -> u32 {
+    const FLASH_BYTES: u32 = 256 * 1024;
+    if address >= FLASH_BYTES || !address.is_multiple_of(4) {
+        return u32::MAX;
+    }
+    // SAFETY: an aligned address in the flash, whose bits are a number; it may change only while the controller writes.
+    unsafe { core::ptr::with_exposed_provenance::<u32>(address as usize).read_volatile() }
+}
+
+/// The watchdog.
+pub(crate) mod watchdog {
+    use super::Register;
+
+    pub(crate) const LOAD: Register = Register(0x4000_0000);
+    pub(crate) const CTL: Register = Register(0x4000_0008);
+}
+
+/// The flash's controller.
+#[cfg(not(feature = "qemu"))]
+pub(crate) mod flash {
+    use super::Register;
+
+    pub(crate) const FMA: Register = Register(0x400F_D000);
+    pub(crate) const FMD: Register = Register(0x400F_D004);
+    pub(crate) const FMC: Register = Register(0x400F_D008);
+    pub(crate) const FCRIS: Register = Register(0x400F_D00C);
+    pub(crate) const FCMISC: Register = Register(0x400F_D014);
+    /// Counts of the system clock a µs, less 1.
+    pub(crate) const USECRL: Register = Register(0x400F_E140);
+
+    /// In `FMC`: without it nothing happens.
+    pub(crate) const KEY: u32 = 0xA442 << 16;
+    pub(crate) const WRITE: u32 = 1 << 0;
+    pub(crate) const ERASE: u32 = 1 << 1;
+    /// In `FCRIS` and `FCMISC`: the page is protected.
+    pub(crate) const REFUSED: u32 = 1 << 0;
+}
+
+/// System control: clocks and resets.
 pub(crate) mod system {
     use super::Register;
+
+    /// What the last resets were caused by.
+    pub(crate) const RESC: Register = Register(0x400F_E05C);
+    /// In `RESC`.
+    pub(crate) const RESET_BY_WATCHDOG: u32 = 1 << 3;
 
     /// Raw interrupt status; bit 6: PLL locked.
     pub(crate) const RIS: Register = Register(0x400F_E050);
     /// Run-mode clock configuration.
     pub(crate) const RCC: Register = Register(0x400F_E060);
-    /// Clock gates: ADC, PWM.
+    /// Clock gates: watchdog, ADC, PWM.
     pub(crate) const RCGC0: Register = Register(0x400F_E100);
     /// Clock gates: UART, timers.
     pub(crate) const RCGC1: Register = Register(0x400F_E104);
@@ -55,16 +100,47 @@ pub(crate) mod uart {
     pub(crate) const SEND_FULL: u32 = 1 << 5;
 }
 
-/// Timer 0.
+/// Timers.
 pub(crate) mod timer {
     use super::Register;
 
-    pub(crate) const CFG: Register = Register(0x4003_0000);
-    pub(crate) const TAMR: Register = Register(0x4003_0004);
-    pub(crate) const CTL: Register = Register(0x4003_000C);
-    pub(crate) const IMR: Register = Register(0x4003_0018);
-    pub(crate) const ICR: Register = Register(0x4003_0024);
-    pub(crate) const TAILR: Register = Register(0x4003_0028);
+    /// A timer, by its first register.
+    #[derive(Debug, Clone, Copy)]
+    pub(crate) struct Timer(usize);
+
+    /// Ends the main loop's sleep.
+    pub(crate) const SLEEP: Timer = Timer(0x4003_0000);
+    /// Makes the steps.
+    pub(crate) const STEPS: Timer = Timer(0x4003_1000);
+
+    impl Timer {
+        pub(crate) const fn configuration(self) -> Register {
+            Register(self.0)
+        }
+
+        pub(crate) const fn mode(self) -> Register {
+            Register(self.0 + 0x04)
+        }
+
+        pub(crate) const fn control(self) -> Register {
+            Register(self.0 + 0x0C)
+        }
+
+        /// Which interrupts are let through.
+        pub(crate) const fn interrupts(self) -> Register {
+            Register(self.0 + 0x18)
+        }
+
+        /// Forgets interrupts.
+        pub(crate) const fn clear(self) -> Register {
+            Register(self.0 + 0x24)
+        }
+
+        /// What it counts down from.
+        pub(crate) const fn load(self) -> Register {
+            Register(self.0 + 0x28)
+        }
+    }
 }
 
 /// The converter; sequencer 3 makes one sample.
@@ -116,6 +192,26 @@ impl Port {
     /// Which pins belong to another unit.
     pub(crate) const fn alternate(self) -> Register {
         Register(self.0 + 0x420)
+    }
+
+    /// Which pins interrupt, at a rising edge with `rising`.
+    pub(crate) const fn interrupts(self) -> Register {
+        Register(self.0 + 0x410)
+    }
+
+    /// Which pins' interrupts come at the rising edge.
+    pub(crate) const fn rising(self) -> Register {
+        Register(self.0 + 0x40C)
+    }
+
+    /// Forgets pins' interrupts.
+    pub(crate) const fn clear(self) -> Register {
+        Register(self.0 + 0x41C)
+    }
+
+    /// Which pins are pulled down.
+    pub(crate) const fn pull_down(self) -> Register {
+        Register(self.0 + 0x514)
     }
 
     /// Which pins are digital.

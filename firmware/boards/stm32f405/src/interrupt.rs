@@ -1,7 +1,9 @@
-//! The interrupts: USART 2 carries bytes between its registers and the link's rings, SysTick counts milliseconds.
+//! The interrupts: the emergency stop, before which all others give way; USART 2 carries bytes between its registers and the link's
+//! rings, TIM5 makes the steps, SysTick counts milliseconds.
 
 use core::cell::RefCell;
 
+use cortex_m::peripheral::scb::SystemHandler;
 use cortex_m::peripheral::syst::SystClkSource;
 use cortex_m::peripheral::{NVIC, SCB, SYST};
 use critical_section::Mutex;
@@ -31,6 +33,11 @@ type Halves = (Tx<pac::USART2>, Rx<pac::USART2>);
 #[cortex_m_rt::exception]
 fn SysTick() {
     CLOCK.period_over();
+}
+
+#[interrupt]
+fn EXTI9_5() {
+    crate::pins::stop();
 }
 
 #[interrupt]
@@ -73,10 +80,23 @@ pub(crate) fn give_port(tx: Tx<pac::USART2>, mut rx: Rx<pac::USART2>) {
     critical_section::with(|section| PORT.borrow_ref_mut(section).replace((tx, rx)));
 }
 
-/// Lets the USART interrupt.
+/// Puts the emergency stop, at 0, before all others.
+pub(crate) fn set_priorities(nvic: &mut NVIC, scb: &mut SCB) {
+    const LATER: u8 = 0x80;
+    // SAFETY: no critical section relies on priorities.
+    unsafe {
+        nvic.set_priority(Interrupt::USART2, LATER);
+        nvic.set_priority(Interrupt::TIM5, LATER);
+        scb.set_priority(SystemHandler::SysTick, LATER);
+    }
+}
+
+/// Lets the emergency stop and the USART interrupt.
 pub fn start_interrupts() {
-    // SAFETY: called once at the start; the port is behind a mutex, and no critical section relies on the mask.
-    unsafe { NVIC::unmask(Interrupt::USART2) };
+    for interrupt in [Interrupt::EXTI9_5, Interrupt::USART2, Interrupt::TIM5] {
+        // SAFETY: called once at the start; the port is behind a mutex, and no critical section relies on the mask.
+        unsafe { NVIC::unmask(interrupt) };
+    }
 }
 
 /// Sends a byte without the interrupt, waiting for room.
@@ -94,6 +114,49 @@ pub fn now_us() -> u64 {
     CLOCK.now_us(|| (SYST::get_current(), SCB::is_pendst_pending()))
 }
 
+/// The steps' timer counts µs, together with the clock; its first comparator tells when to make the next steps.
+#[cfg(not(feature = "qemu"))]
+pub(crate) fn start_step_timer(timer: &pac::TIM5, rcc: &mut stm32f4xx_hal::rcc::Rcc) {
+    use stm32f4xx_hal::rcc::Enable;
+    pac::TIM5::enable(rcc);
+    // Half of the system clock.
+    timer.psc().write(|w| w.psc().set((TICKS_PER_US / 2 - 1) as u16));
+    timer.egr().write(|w| w.ug().set_bit());
+    let now = CLOCK.wrapping_us(|| (SYST::get_current(), SCB::is_pendst_pending()));
+    // SAFETY: any count is allowed.
+    unsafe { timer.cnt().write(|w| w.bits(now)) };
+    timer.dier().write(|w| w.cc1ie().set_bit());
+    timer.cr1().write(|w| w.cen().set_bit());
+}
+
+#[interrupt]
+fn TIM5() {
+    let _ = serve_steps(|now| now);
+}
+
+/// What the steps' interrupt does: makes the steps that are due, and sets the timer for the next. `at` gives the time to take
+/// for now, from what the timer says in µs. Gives when it is to be called next.
+#[inline(always)]
+pub fn serve_steps(at: impl Fn(u32) -> u32) -> Option<u32> {
+    // SAFETY: once the timer is started only this touches it, and any comparison is allowed.
+    let timer = unsafe { &*pac::TIM5::ptr() };
+    timer.sr().write(|w| w.cc1if().clear_bit());
+    while let Some(next) = crate::steps::make(at(timer.cnt().read().bits())) {
+        // SAFETY: as above.
+        unsafe { timer.ccr1().write(|w| w.bits(next)) };
+        // Unless that is past: then the comparator would not tell.
+        if (at(timer.cnt().read().bits()).wrapping_sub(next) as i32) < 0 {
+            return Some(next);
+        }
+    }
+    None
+}
+
+/// Makes the steps' interrupt run soon, to look at what the controller has planned.
+pub fn wake_steps() {
+    NVIC::pend(Interrupt::TIM5);
+}
+
 /// Starts the clock.
 pub(crate) fn start_clock(systick: &mut SYST) {
     systick.set_clock_source(SystClkSource::Core);
@@ -103,10 +166,15 @@ pub(crate) fn start_clock(systick: &mut SYST) {
     systick.enable_interrupt();
 }
 
-/// Sleeps until the next interrupt, a millisecond at most, unless `time_us` or a received byte comes before: a wait shorter
-/// than that is spent awake, so that no step waits for an interrupt's entry.
+/// Rests until a time in µs or until a byte comes: awake for a millisecond at most, else asleep until the next interrupt.
 pub fn rest_until(time_us: u64) {
-    if time_us > now_us() + u64::from(PERIOD_US) && RECEIVED.is_empty() {
-        cortex_m::asm::wfi();
+    while RECEIVED.is_empty() {
+        let left = time_us.saturating_sub(now_us());
+        if left > u64::from(PERIOD_US) {
+            return cortex_m::asm::wfi();
+        }
+        if left == 0 {
+            return;
+        }
     }
 }

@@ -4,23 +4,40 @@
 //! `lobelia_board_support::model` in place of home switches, lamp level and photodiode.
 #![no_std]
 
+#[path = "../../shared/crash.rs"]
+mod crash;
+#[cfg(feature = "qemu")]
+#[path = "../../shared/emulation.rs"]
+pub mod emulation;
+#[cfg(not(feature = "qemu"))]
+mod flash;
 mod interrupt;
+#[path = "../../shared/kept.rs"]
+mod kept;
 mod pins;
+#[path = "../../shared/steps.rs"]
+mod steps;
+#[cfg(not(feature = "qemu"))]
+mod watchdog;
 
 use lobelia_board_support::link::{Received, RingLink, ToSend};
 #[cfg(feature = "qemu")]
 use lobelia_board_support::model;
-use lobelia_firmware::{AxisPins, Board, Peripherals};
-use stm32f4xx_hal::gpio::{AnyPin, Input, Output, Pin, PushPull};
+use lobelia_firmware::{AxisPins, Board, Options, Peripherals};
+use stm32f4xx_hal::gpio::{AnyPin, Edge, Input, Output, Pin, Pull, PushPull};
 use stm32f4xx_hal::prelude::*;
 use stm32f4xx_hal::{pac, rcc, serial};
 
-pub use interrupt::{CLOCK_RELOAD, now_us, rest_until, send_directly, start_interrupts};
-pub use pins::{InputLine, OutputLine};
+pub use interrupt::{
+    CLOCK_RELOAD, now_us, rest_until, send_directly, serve_steps, start_interrupts, wake_steps,
+};
+pub use pins::{InputLine, OutputLine, StepPort, after_poll};
 
 /// The board's types.
 #[derive(Debug)]
 pub struct Stm32f405;
+
+pub(crate) use Stm32f405 as ThisBoard;
 
 #[cfg(not(feature = "qemu"))]
 pub mod parts {
@@ -52,6 +69,8 @@ pub mod parts {
 #[cfg(not(feature = "qemu"))]
 impl Board for Stm32f405 {
     type Output = OutputLine;
+    type StepPort = StepPort;
+    type Pulses = steps::Steps;
     type Input = InputLine;
     type LampLevel = parts::LampLevel;
     type Photodiode = parts::Photodiode;
@@ -88,6 +107,8 @@ pub mod parts {
 #[cfg(feature = "qemu")]
 impl Board for Stm32f405 {
     type Output = model::Output<OutputLine>;
+    type StepPort = model::StepPort<StepPort>;
+    type Pulses = steps::Steps;
     type Input = model::Input<InputLine>;
     type LampLevel = model::Dimmer<parts::NoDimmer>;
     type Photodiode = model::Photodiode;
@@ -107,11 +128,16 @@ fn clocks() -> rcc::Config {
     }
 }
 
-/// Sets the whole board up; the link's interrupt stays off. `None` at a second call.
-pub fn set_up() -> Option<Peripherals<Stm32f405>> {
+/// Sets the whole board up; interrupts other than the clock's stay off. `None` at a second call.
+pub fn set_up() -> Option<(Peripherals<Stm32f405>, Options<Stm32f405>)> {
     let device = pac::Peripherals::take()?;
     let mut core = cortex_m::Peripherals::take()?;
+    #[cfg(not(feature = "qemu"))]
+    let reset = watchdog::take_reset(&device.RCC);
+    #[cfg(feature = "qemu")]
+    let reset = None;
     let mut rcc = device.RCC.freeze(clocks());
+    interrupt::set_priorities(&mut core.NVIC, &mut core.SCB);
     interrupt::start_clock(&mut core.SYST);
     let a = device.GPIOA.split(&mut rcc);
     let b = device.GPIOB.split(&mut rcc);
@@ -122,10 +148,30 @@ pub fn set_up() -> Option<Peripherals<Stm32f405>> {
     let (tx, rx) = port.split();
     interrupt::give_port(tx, rx);
 
-    let steps = [output(c.pc0), output(c.pc1), output(c.pc2), output(c.pc3)];
+    let steps = StepPort::new([step(c.pc0), step(c.pc1), step(c.pc2), step(c.pc3)]);
     let directions = [output(c.pc4), output(c.pc5), output(c.pc6), output(c.pc7)];
     let enables = [disabled(b.pb12), disabled(b.pb13), disabled(b.pb14), disabled(b.pb15)];
     let homes = [input(b.pb5), input(b.pb6), input(b.pb7), input(b.pb8)];
+    let mut stop = b.pb9.into_pull_up_input();
+    let (mut exti, mut syscfg) = (device.EXTI, device.SYSCFG.constrain(&mut rcc));
+    stop.make_interrupt_source(&mut syscfg);
+    stop.trigger_on_edge(&mut exti, Edge::Rising);
+    stop.enable_interrupt(&mut exti);
+    let options = Options {
+        stall: [absent(c.pc8), absent(c.pc9), absent(c.pc10), absent(c.pc11)].map(Some),
+        over_temperature: Some(absent(b.pb0)),
+        emergency_stop: Some(&pins::EMERGENCY_STOP),
+        crash: kept::take_crash().or(reset),
+        #[cfg(not(feature = "qemu"))]
+        storage: cortex_m::singleton!(: flash::FlashSlots = flash::FlashSlots(device.FLASH))
+            .map(|slots| slots as _),
+        #[cfg(feature = "qemu")]
+        storage: cortex_m::singleton!(: kept::KeptSlots = kept::KeptSlots).map(|slots| slots as _),
+        #[cfg(not(feature = "qemu"))]
+        watchdog: cortex_m::singleton!(: watchdog::Watchdog = watchdog::Watchdog::new(device.IWDG))
+            .map(|watchdog| watchdog as _),
+        ..Options::default()
+    };
     let lines = Lines {
         steps,
         directions,
@@ -133,26 +179,27 @@ pub fn set_up() -> Option<Peripherals<Stm32f405>> {
         homes,
         shutter: output(a.pa4),
         lamp: output(a.pa5),
-        stop: input(b.pb9),
+        stop: InputLine(stop.erase()),
     };
 
     #[cfg(not(feature = "qemu"))]
     {
+        interrupt::start_step_timer(&device.TIM5, &mut rcc);
         use stm32f4xx_hal::adc::{Adc, config::AdcConfig};
         let (_, (level, ..)) = device.TIM3.pwm_hz(20.kHz(), &mut rcc);
         let mut level = level.with(a.pa6);
         level.set_duty(0);
         level.enable();
         let adc = Adc::new(device.ADC1, true, AdcConfig::default(), &mut rcc);
-        Some(lines.real(level, parts::Photodiode { adc, pin: a.pa0.into_analog() }))
+        Some((lines.real(level, parts::Photodiode { adc, pin: a.pa0.into_analog() }), options))
     }
     #[cfg(feature = "qemu")]
-    Some(lines.modelled())
+    Some((lines.modelled(), options))
 }
 
 /// All lines, in the order of the axes.
 struct Lines {
-    steps: [OutputLine; 4],
+    steps: StepPort,
     directions: [OutputLine; 4],
     enables: [OutputLine; 4],
     homes: [InputLine; 4],
@@ -164,11 +211,12 @@ struct Lines {
 impl Lines {
     #[cfg(not(feature = "qemu"))]
     fn real(self, lamp_level: parts::LampLevel, photodiode: parts::Photodiode) -> Peripherals<Stm32f405> {
-        let ([s0, s1, s2, s3], [d0, d1, d2, d3]) = (self.steps, self.directions);
+        let [d0, d1, d2, d3] = self.directions;
         let ([e0, e1, e2, e3], [h0, h1, h2, h3]) = (self.enables, self.homes);
-        let axis = |step, direction, enable, home| AxisPins { step, direction, enable, home };
+        let axis = |direction, enable, home| AxisPins { direction, enable, home };
         Peripherals {
-            axes: [axis(s0, d0, e0, h0), axis(s1, d1, e1, h1), axis(s2, d2, e2, h2), axis(s3, d3, e3, h3)],
+            axes: [axis(d0, e0, h0), axis(d1, e1, h1), axis(d2, e2, h2), axis(d3, e3, h3)],
+            steps: self.steps,
             shutter: self.shutter,
             lamp: self.lamp,
             lamp_level,
@@ -181,21 +229,26 @@ impl Lines {
     #[cfg(feature = "qemu")]
     fn modelled(self) -> Peripherals<Stm32f405> {
         use model::{Output as Line, Role};
-        static AXES: [model::Axis; 4] = [const { model::Axis::new() }; 4];
+        static AXES: [model::Axis; 4] = [
+            model::Axis::new(0, &emulation::TRACE),
+            model::Axis::new(1, &emulation::TRACE),
+            model::Axis::new(2, &emulation::TRACE),
+            model::Axis::new(3, &emulation::TRACE),
+        ];
         static LIGHT: model::Light = model::Light::new();
-        let ([s0, s1, s2, s3], [d0, d1, d2, d3]) = (self.steps, self.directions);
+        let [d0, d1, d2, d3] = self.directions;
         let [e0, e1, e2, e3] = self.enables;
         // QEMU has no level on the switches' pins.
         let _ = self.homes;
         let plain = |pin| Line { pin, role: Role::None };
-        let axis = |index: usize, step, direction, enable| AxisPins {
-            step: Line { pin: step, role: Role::Step(&AXES[index]) },
+        let axis = |index: usize, direction, enable| AxisPins {
             direction: Line { pin: direction, role: Role::Direction(&AXES[index]) },
             enable: plain(enable),
             home: model::Input::Switch(&AXES[index]),
         };
         Peripherals {
-            axes: [axis(0, s0, d0, e0), axis(1, s1, d1, e1), axis(2, s2, d2, e2), axis(3, s3, d3, e3)],
+            axes: [axis(0, d0, e0), axis(1, d1, e1), axis(2, d2, e2), axis(3, d3, e3)],
+            steps: model::StepPort { pins: self.steps, axes: &AXES },
             shutter: plain(self.shutter),
             lamp: plain(self.lamp),
             lamp_level: model::Dimmer { dimmer: parts::NoDimmer, light: &LIGHT },
@@ -211,6 +264,11 @@ fn output<const P: char, const N: u8>(pin: Pin<P, N>) -> OutputLine {
     OutputLine::new(pin)
 }
 
+/// A step output, which stays low while the emergency stop lets it go.
+fn step<const P: char, const N: u8>(pin: Pin<P, N>) -> AnyPin<Output<PushPull>> {
+    pin.into_push_pull_output().internal_resistor(Pull::Down).erase()
+}
+
 /// A driver's inverted enable input, off.
 fn disabled<const P: char, const N: u8>(pin: Pin<P, N>) -> OutputLine {
     OutputLine::inverted(pin.into_push_pull_output_in_state(true.into()).erase())
@@ -221,16 +279,14 @@ fn input<const P: char, const N: u8>(pin: Pin<P, N>) -> InputLine {
     InputLine(pin)
 }
 
-fn link() -> RingLink {
-    RingLink { received: &interrupt::RECEIVED, to_send: &interrupt::TO_SEND, wake: interrupt::wake_usart }
+/// An input that reads low where nothing is connected.
+fn absent<const P: char, const N: u8>(pin: Pin<P, N>) -> <Stm32f405 as Board>::Input {
+    let line = InputLine(pin.into_pull_down_input().erase());
+    #[cfg(feature = "qemu")]
+    let line = model::Input::Pin(line);
+    line
 }
 
-/// Everything off, for good: the host finds the controller silent and the operator switches it off and on.
-#[panic_handler]
-fn panic(_: &core::panic::PanicInfo<'_>) -> ! {
-    cortex_m::interrupt::disable();
-    pins::safe_state();
-    loop {
-        cortex_m::asm::wfi();
-    }
+fn link() -> RingLink {
+    RingLink { received: &interrupt::RECEIVED, to_send: &interrupt::TO_SEND, wake: interrupt::wake_usart }
 }

@@ -3,15 +3,30 @@
 #![no_main]
 
 use lobelia_firmware::Controller;
-use lobelia_stm32f405::{now_us, rest_until, set_up, start_interrupts};
+use lobelia_stm32f405::{after_poll, now_us, rest_until, set_up, start_interrupts, wake_steps};
 
 #[cortex_m_rt::entry]
 fn main() -> ! {
-    let Some(peripherals) = set_up() else { panic!("set up twice") };
-    let mut controller = Controller::new(peripherals);
+    let Some((peripherals, options)) = set_up() else { panic!("set up twice") };
+    let mut controller = Controller::with_options(peripherals, options);
     start_interrupts();
+    #[cfg(feature = "qemu")]
+    lobelia_stm32f405::emulation::start();
     loop {
-        controller.poll(now_us());
-        rest_until(controller.next_event_us());
+        if cfg!(feature = "qemu") {
+            // QEMU's timers don't count as the chip's do: this loop makes the steps instead of the interrupt.
+            controller.tick(now_us());
+        } else {
+            controller.poll(now_us());
+            wake_steps();
+        }
+        after_poll();
+        #[cfg(feature = "qemu")]
+        lobelia_stm32f405::emulation::obey();
+        rest_until(if cfg!(feature = "qemu") {
+            controller.next_event_us()
+        } else {
+            controller.next_poll_us()
+        });
     }
 }

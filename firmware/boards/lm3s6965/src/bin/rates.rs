@@ -4,14 +4,14 @@
 
 use cortex_m::peripheral::SYST;
 use lobelia_board_support::rates::{Counter, report};
-use lobelia_lm3s6965::{CLOCK_RELOAD, arm, now_us, rings, send_directly, set_up};
+use lobelia_lm3s6965::{CLOCK_RELOAD, rings, send_directly, serve_steps, set_up};
 
 #[cortex_m_rt::entry]
 fn main() -> ! {
     let Some(peripherals) = set_up() else { panic!("set up twice") };
-    let beside = |next: u64| arm(next.saturating_sub(now_us()) as u32);
+    let serve = |now| serve_steps(|_| now);
     let counter = Counter::new(SYST::get_current, CLOCK_RELOAD);
-    report(peripherals, rings(), counter, spend, beside, send_directly);
+    report(peripherals, rings(), counter, spend, serve, send_directly);
     loop {
         cortex_m::asm::wfi();
     }

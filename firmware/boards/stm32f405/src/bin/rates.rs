@@ -4,18 +4,14 @@
 
 use cortex_m::peripheral::SYST;
 use lobelia_board_support::rates::{Counter, report};
-use lobelia_stm32f405::{CLOCK_RELOAD, now_us, rest_until, rings, send_directly, set_up};
+use lobelia_stm32f405::{CLOCK_RELOAD, rings, send_directly, serve_steps, set_up};
 
 #[cortex_m_rt::entry]
 fn main() -> ! {
-    let Some(peripherals) = set_up() else { panic!("set up twice") };
+    let Some((peripherals, _)) = set_up() else { panic!("set up twice") };
     let counter = Counter::new(SYST::get_current, CLOCK_RELOAD);
-    // As between two steps: reads the time twice and goes on at once.
-    let beside = |_| {
-        now_us();
-        rest_until(0);
-    };
-    report(peripherals, rings(), counter, spend, beside, send_directly);
+    let serve = |now| serve_steps(|_| now);
+    report(peripherals, rings(), counter, spend, serve, send_directly);
     loop {
         cortex_m::asm::wfi();
     }
