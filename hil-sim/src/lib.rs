@@ -19,5 +19,5 @@ mod world;
 pub use config::{AxisMechanics, LampConfig, MechanicsConfig};
 pub use faults::{FaultRates, FaultyLink};
 pub use link::SimulatedLink;
-pub use rig::{ExposureTruth, SimulatedRig};
+pub use rig::{ExposureTruth, SimulatedRig, Step};
 pub use server::serve_tcp;

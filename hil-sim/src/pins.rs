@@ -8,10 +8,12 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use embedded_hal::digital::{self, InputPin, OutputPin};
 use embedded_hal::pwm::{self, SetDutyCycle};
 use lobelia_firmware::{AnalogInput, AxisPins, Board, ByteLink, Peripherals};
+use lobelia_protocol::Axis;
 
 use crate::config::MechanicsConfig;
 use crate::lamp::Lamp;
 use crate::mechanics::Mechanism;
+use crate::rig::Step;
 
 /// Bytes on their way.
 #[derive(Debug, Default)]
@@ -60,6 +62,9 @@ pub(crate) struct Bench {
     pub(crate) lamp: Mutex<Lamp>,
     pub(crate) shutter_open: AtomicBool,
     pub(crate) emergency_stop: AtomicBool,
+    /// Whether steps are traced.
+    pub(crate) traced: AtomicBool,
+    pub(crate) trace: Mutex<Vec<Step>>,
     pub(crate) to_controller: Wire,
     pub(crate) to_host: Wire,
 }
@@ -72,6 +77,8 @@ impl Bench {
             lamp: Mutex::new(Lamp::new(&config.lamp, config.seed)),
             shutter_open: AtomicBool::new(false),
             emergency_stop: AtomicBool::new(false),
+            traced: AtomicBool::new(false),
+            trace: Mutex::default(),
             to_controller: Wire::default(),
             to_host: Wire::default(),
         }
@@ -79,6 +86,19 @@ impl Bench {
 
     pub(crate) fn lamp(&self) -> MutexGuard<'_, Lamp> {
         self.lamp.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Steps traced since this was last asked.
+    pub(crate) fn take_trace(&self) -> Vec<Step> {
+        std::mem::take(&mut self.trace.lock().unwrap_or_else(PoisonError::into_inner))
+    }
+
+    fn note_step(&self, axis: usize) {
+        if self.traced.load(Relaxed) {
+            let step =
+                Step { axis: Axis::ALL[axis], up: self.axes[axis].up.load(Relaxed), at_us: self.now_us() };
+            self.trace.lock().unwrap_or_else(PoisonError::into_inner).push(step);
+        }
     }
 
     pub(crate) fn now_us(&self) -> u64 {
@@ -144,6 +164,7 @@ impl Output {
                 mechanism.step_level.store(high, Relaxed);
                 if rises {
                     mechanism.step();
+                    bench.note_step(axis);
                 }
             }
             OutputRole::Direction(axis) => bench.axes[axis].up.store(high, Relaxed),

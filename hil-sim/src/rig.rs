@@ -28,6 +28,17 @@ pub struct ExposureTruth {
     pub lamp_relative: f64,
 }
 
+/// A step that an axis's driver received.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Step {
+    /// Which axis.
+    pub axis: Axis,
+    /// Whether it went up.
+    pub up: bool,
+    /// When, in virtual µs.
+    pub at_us: u64,
+}
+
 /// A simulated rig. Clones are the same rig.
 #[derive(Clone)]
 pub struct SimulatedRig {
@@ -92,6 +103,13 @@ impl SimulatedRig {
     /// Step pulses that an axis's driver has received so far.
     pub fn steps_received(&self, axis: Axis) -> u64 {
         self.lock().bench.axes[axis.index()].steps()
+    }
+
+    /// Steps that the drivers received since this was last asked, in order; they are traced from the first time on.
+    pub fn take_steps(&self) -> Vec<Step> {
+        let world = self.lock();
+        world.bench.traced.store(true, Relaxed);
+        world.bench.take_trace()
     }
 
     /// Whether the shutter is open.

@@ -144,7 +144,11 @@ fn build_and_measure(toolchain: &Toolchain, boards: &[&Board], update: bool) -> 
         println!("  without what is below {} calls through pointers{recursive}", stack.pointers);
         let room = stack_room(&program).context("the program tells no bounds of its stack")?;
         if stack.bytes > room {
-            bail!("{}: the stack may take {} bytes and has {room}; see its memory.x", board.name, stack.bytes);
+            bail!(
+                "{}: the stack may take {} bytes and has {room}; see its memory.x",
+                board.name,
+                stack.bytes
+            );
         }
         measured.push((board.name, sizes));
     }

@@ -132,7 +132,7 @@ impl Session {
         let mut client = RigClient::connect(self.connection.open(&config)?)?;
         client.set_interrupt(station::interrupted);
         if let Some(path) = &self.record {
-            client.record(Recorder::create(path)?);
+            client.record(Recorder::create(path)?.with_steps());
         }
         Ok((config, client))
     }
