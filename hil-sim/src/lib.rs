@@ -5,6 +5,7 @@
 //! the same truth, in one process or after a kill and a restart.
 
 pub mod config;
+mod drivers;
 pub mod faults;
 mod lamp;
 pub mod link;

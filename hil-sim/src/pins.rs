@@ -7,10 +7,11 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use embedded_hal::digital::{self, InputPin, OutputPin};
 use embedded_hal::pwm::{self, SetDutyCycle};
-use lobelia_firmware::{AnalogInput, AxisPins, Board, ByteLink, Peripherals};
+use lobelia_firmware::{AnalogInput, AxisPins, Board, ByteLink, Options, Peripherals};
 use lobelia_protocol::Axis;
 
 use crate::config::MechanicsConfig;
+use crate::drivers::{DriverWire, Drivers};
 use crate::lamp::Lamp;
 use crate::mechanics::Mechanism;
 use crate::rig::Step;
@@ -62,6 +63,9 @@ pub(crate) struct Bench {
     pub(crate) lamp: Mutex<Lamp>,
     pub(crate) shutter_open: AtomicBool,
     pub(crate) emergency_stop: AtomicBool,
+    pub(crate) drivers: Mutex<Drivers>,
+    /// Whether the drivers' answers no longer arrive.
+    pub(crate) drivers_cut: AtomicBool,
     /// Whether steps are traced.
     pub(crate) traced: AtomicBool,
     pub(crate) trace: Mutex<Vec<Step>>,
@@ -77,6 +81,8 @@ impl Bench {
             lamp: Mutex::new(Lamp::new(&config.lamp, config.seed)),
             shutter_open: AtomicBool::new(false),
             emergency_stop: AtomicBool::new(false),
+            drivers: Mutex::default(),
+            drivers_cut: AtomicBool::new(false),
             traced: AtomicBool::new(false),
             trace: Mutex::default(),
             to_controller: Wire::default(),
@@ -138,6 +144,16 @@ pub(crate) fn peripherals(bench: &Arc<Bench>) -> Peripherals<SimulatedBoard> {
     }
 }
 
+/// What the simulated board has besides. The wire is leaked, a few bytes at each start of the controller: a board's lives for ever.
+pub(crate) fn options(bench: &Arc<Bench>) -> Options<SimulatedBoard> {
+    let stall = |axis| Input { bench: Arc::clone(bench), role: InputRole::Stall(axis) };
+    Options {
+        stall: std::array::from_fn(|axis| Some(stall(axis))),
+        drivers: Some(Box::leak(Box::new(DriverWire(Arc::clone(bench))))),
+        ..Options::default()
+    }
+}
+
 #[derive(Debug, Clone, Copy)]
 enum OutputRole {
     Step(usize),
@@ -194,6 +210,7 @@ impl OutputPin for Output {
 #[derive(Debug, Clone, Copy)]
 enum InputRole {
     Home(usize),
+    Stall(usize),
     EmergencyStop,
 }
 
@@ -212,6 +229,15 @@ impl InputPin for Input {
     fn is_high(&mut self) -> Result<bool, Infallible> {
         Ok(match self.role {
             InputRole::Home(axis) => self.bench.axes[axis].switch_closed(),
+            InputRole::Stall(axis) => {
+                self.bench.axes[axis].blocked()
+                    && self
+                        .bench
+                        .drivers
+                        .lock()
+                        .unwrap_or_else(PoisonError::into_inner)
+                        .looks_for_stalls(axis)
+            }
             InputRole::EmergencyStop => self.bench.emergency_stop.load(Relaxed),
         })
     }

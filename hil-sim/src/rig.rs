@@ -155,6 +155,18 @@ impl SimulatedRig {
         self.lock().bench.axes[axis.index()].shift(i64::from(steps));
     }
 
+    /// A register of the TMC2209 of an axis.
+    pub fn driver_register(&self, axis: Axis, register: u8) -> u32 {
+        let world = self.lock();
+        let drivers = world.bench.drivers.lock().unwrap_or_else(PoisonError::into_inner);
+        drivers.register(axis.index(), register)
+    }
+
+    /// Cuts the wire by which drivers answer.
+    pub fn cut_driver_wire(&self) {
+        self.lock().bench.drivers_cut.store(true, Relaxed);
+    }
+
     /// Breaks an axis's home switch: it never closes again.
     pub fn break_home_switch(&self, axis: Axis) {
         self.lock().bench.axes[axis.index()].break_switch();

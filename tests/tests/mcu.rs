@@ -44,6 +44,7 @@ fn configuration() -> Configuration {
         home_travel: 2000,
         home_debounce_us: 1000,
         index_tolerance: 4,
+        driver: None,
     });
     // Without leases: emulated time runs as fast as it can, whatever the host does meanwhile.
     Configuration {
