@@ -1,5 +1,5 @@
-//! Traces: a session with a controller as JSON lines, a header and then each request with its outcome, and each pause. Where a port
-//! can tell, as under simulation and emulation, the steps that motors were given follow the request that caused them.
+//! Traces: a session with a controller as JSON lines, a header and then each request with its outcome, and each pause. On demand, where
+//! a port can tell as under simulation and emulation, the steps that motors were given follow the request that caused them.
 
 use std::fs::File;
 use std::io::Write;
