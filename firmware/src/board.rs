@@ -8,6 +8,7 @@ use embedded_hal::digital::{InputPin, OutputPin};
 use embedded_hal::pwm::SetDutyCycle;
 use lobelia_protocol::{AXES, CrashRecord};
 
+use crate::driver::DriverBus;
 pub use crate::motion::pulses::{Pulses, PulsesCell};
 use crate::safety::EmergencyStop;
 use crate::storage::Storage;
@@ -102,6 +103,8 @@ pub struct Options<B: Board> {
     pub over_temperature: Option<B::Input>,
     /// High: the camera can take a photograph.
     pub camera_ready: Option<B::Input>,
+    /// The wire to the axes' drivers, TMC2209 with the axes' numbers as addresses.
+    pub drivers: Option<&'static mut (dyn DriverBus + Send)>,
     /// Memory for parameters.
     pub storage: Option<&'static mut (dyn Storage + Send)>,
     /// Tripped by an interrupt.
@@ -124,6 +127,7 @@ impl<B: Board> Default for Options<B> {
             stall: [const { None }; AXES],
             over_temperature: None,
             camera_ready: None,
+            drivers: None,
             storage: None,
             emergency_stop: None,
             watchdog: None,

@@ -1,5 +1,6 @@
 //! The controller: takes packets from the link, runs one long command at a time, and stops everything on a fault.
 
+mod drivers;
 mod lease;
 mod light;
 mod moves;
@@ -32,6 +33,8 @@ enum Task {
     Move { settle_ms: u16 },
     /// Axes brake, or go on to new targets; then all move to them.
     Turn { targets: [i32; AXES] },
+    /// Drivers are set up; then axes search for their switches.
+    BeginHoming(Purpose),
     /// Axes search for their switches.
     Home(Purpose, [Option<Homing>; AXES]),
     /// Axes have come to rest, after a move or else after a search that found something, and settle.
@@ -144,6 +147,7 @@ impl<B: Board> Controller<B> {
     /// When something is due for the task other than motion.
     fn task_us(&self) -> u64 {
         match self.running.as_ref().map(|running| &running.task) {
+            Some(Task::BeginHoming(_)) => 0,
             Some(Task::Settle { until_us, .. }) => *until_us,
             Some(Task::AwaitCamera { look_us, .. }) => *look_us,
             Some(Task::Expose { .. }) => self.shutter.next_us(),
@@ -328,9 +332,9 @@ impl<B: Board> Controller<B> {
                 self.begin_homing(now_us, &configuration, Purpose::Check)?
             }
             Command::HomeRepeatedly { approaches } => {
-                self.begin_homing(now_us, &configuration, Purpose::Home { approaches })?
+                self.prepare_homing(now_us, &configuration, Purpose::Home { approaches })?
             }
-            _ => self.begin_homing(now_us, &configuration, Purpose::Home { approaches: 1 })?,
+            _ => self.prepare_homing(now_us, &configuration, Purpose::Home { approaches: 1 })?,
         };
         self.running = Some(Running { task, request: Some(request.id) });
         Ok(None)
@@ -339,6 +343,7 @@ impl<B: Board> Controller<B> {
     /// Another configuration makes positions unknown: steps may mean something else.
     fn configure(&mut self, configuration: Configuration) -> Result<(), Refusal> {
         parameters::validate(&configuration)?;
+        self.set_up_drivers(&configuration)?;
         if self.configuration.replace(configuration) != Some(configuration) {
             self.axes.iter_mut().for_each(|axis| axis.forget(&mut self.pulses));
         }
@@ -397,6 +402,10 @@ impl<B: Board> Controller<B> {
 
     fn advance(&mut self, now_us: u64, task: &mut Task) -> Result<Option<Outcome>, (Fault, Option<Axis>)> {
         match task {
+            Task::BeginHoming(purpose) => {
+                let purpose = *purpose;
+                return self.home_on(now_us, task, purpose);
+            }
             Task::AwaitCamera { look_us, until_us, duration_us, warm_lamp } => {
                 let awaited = (*until_us, *duration_us, *warm_lamp);
                 if now_us < *look_us {
@@ -447,7 +456,9 @@ impl<B: Board> Controller<B> {
                 *task = Task::Settle { until_us: now_us + self.longest_settling_us(), found };
                 None
             }
-            Task::Settle { .. } | Task::AwaitCamera { .. } | Task::Expose { .. } => None,
+            Task::BeginHoming(_) | Task::Settle { .. } | Task::AwaitCamera { .. } | Task::Expose { .. } => {
+                None
+            }
         })
     }
 

@@ -213,6 +213,7 @@ impl AxisMechanics {
             home_travel: steps(travel),
             home_debounce_us: 3000,
             index_tolerance: 4,
+            driver: None,
         }
     }
 }

@@ -5,6 +5,7 @@
 //! the same truth, in one process or after a kill and a restart.
 
 pub mod config;
+mod drivers;
 pub mod faults;
 mod lamp;
 pub mod link;
@@ -19,5 +20,5 @@ mod world;
 pub use config::{AxisMechanics, LampConfig, MechanicsConfig};
 pub use faults::{FaultRates, FaultyLink};
 pub use link::SimulatedLink;
-pub use rig::{ExposureTruth, SimulatedRig};
+pub use rig::{ExposureTruth, SimulatedRig, Step};
 pub use server::serve_tcp;

@@ -3,7 +3,7 @@
 use std::io::{self, ErrorKind, Read, Write};
 use std::time::Duration;
 
-use crate::rig::SimulatedRig;
+use crate::rig::{SimulatedRig, Step};
 
 /// A link to a simulated rig.
 #[derive(Debug, Clone)]
@@ -20,6 +20,11 @@ impl SimulatedLink {
     /// How much virtual time a read waits for a byte.
     pub fn set_timeout(&mut self, timeout: Duration) {
         self.timeout_us = timeout.as_micros().try_into().unwrap_or(u64::MAX / 4);
+    }
+
+    /// [`SimulatedRig::take_steps`] of its rig.
+    pub fn take_steps(&self) -> Vec<Step> {
+        self.rig.take_steps()
     }
 }
 

@@ -21,6 +21,8 @@ pub(crate) struct Mechanism {
     load: AtomicI64,
     switch_closed: AtomicBool,
     switch_broken: AtomicBool,
+    /// Whether the last step met a hard stop.
+    blocked: AtomicBool,
     steps: AtomicU64,
     stops: [i64; 2],
     play: i64,
@@ -46,6 +48,7 @@ impl Mechanism {
             load: AtomicI64::new(load),
             switch_closed: AtomicBool::new(load < closes_below),
             switch_broken: AtomicBool::new(false),
+            blocked: AtomicBool::new(false),
             steps: AtomicU64::new(0),
             stops: config.stops_deg.map(|degrees| steps(degrees).round() as i64),
             play,
@@ -60,7 +63,9 @@ impl Mechanism {
     pub(crate) fn step(&self) {
         self.steps.fetch_add(1, Relaxed);
         if self.enabled.load(Relaxed) {
+            let before = self.motor.load(Relaxed);
             self.shift(if self.up.load(Relaxed) { 1 } else { -1 });
+            self.blocked.store(self.motor.load(Relaxed) == before, Relaxed);
         }
     }
 
@@ -76,6 +81,11 @@ impl Mechanism {
         } else if load < self.closes_below {
             self.switch_closed.store(true, Relaxed);
         }
+    }
+
+    /// Whether the motor was kept from making its last step.
+    pub(crate) fn blocked(&self) -> bool {
+        self.blocked.load(Relaxed)
     }
 
     /// Whether the controller sees the home switch closed.

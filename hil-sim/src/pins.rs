@@ -7,11 +7,14 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use embedded_hal::digital::{self, InputPin, OutputPin};
 use embedded_hal::pwm::{self, SetDutyCycle};
-use lobelia_firmware::{AnalogInput, AxisPins, Board, ByteLink, Peripherals, Pulses};
+use lobelia_firmware::{AnalogInput, AxisPins, Board, ByteLink, Options, Peripherals, Pulses};
+use lobelia_protocol::Axis;
 
 use crate::config::MechanicsConfig;
+use crate::drivers::{DriverWire, Drivers};
 use crate::lamp::Lamp;
 use crate::mechanics::Mechanism;
+use crate::rig::Step;
 
 /// Bytes on their way.
 #[derive(Debug, Default)]
@@ -60,6 +63,12 @@ pub(crate) struct Bench {
     pub(crate) lamp: Mutex<Lamp>,
     pub(crate) shutter_open: AtomicBool,
     pub(crate) emergency_stop: AtomicBool,
+    pub(crate) drivers: Mutex<Drivers>,
+    /// Whether the drivers' answers no longer arrive.
+    pub(crate) drivers_cut: AtomicBool,
+    /// Whether steps are traced.
+    pub(crate) traced: AtomicBool,
+    pub(crate) trace: Mutex<Vec<Step>>,
     pub(crate) to_controller: Wire,
     pub(crate) to_host: Wire,
 }
@@ -72,6 +81,10 @@ impl Bench {
             lamp: Mutex::new(Lamp::new(&config.lamp, config.seed)),
             shutter_open: AtomicBool::new(false),
             emergency_stop: AtomicBool::new(false),
+            drivers: Mutex::default(),
+            drivers_cut: AtomicBool::new(false),
+            traced: AtomicBool::new(false),
+            trace: Mutex::default(),
             to_controller: Wire::default(),
             to_host: Wire::default(),
         }
@@ -79,6 +92,19 @@ impl Bench {
 
     pub(crate) fn lamp(&self) -> MutexGuard<'_, Lamp> {
         self.lamp.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Steps traced since this was last asked.
+    pub(crate) fn take_trace(&self) -> Vec<Step> {
+        std::mem::take(&mut self.trace.lock().unwrap_or_else(PoisonError::into_inner))
+    }
+
+    fn note_step(&self, axis: usize) {
+        if self.traced.load(Relaxed) {
+            let step =
+                Step { axis: Axis::ALL[axis], up: self.axes[axis].up.load(Relaxed), at_us: self.now_us() };
+            self.trace.lock().unwrap_or_else(PoisonError::into_inner).push(step);
+        }
     }
 
     pub(crate) fn now_us(&self) -> u64 {
@@ -120,6 +146,16 @@ pub(crate) fn peripherals(bench: &Arc<Bench>) -> Peripherals<SimulatedBoard> {
     }
 }
 
+/// What the simulated board has besides. The wire is leaked, a few bytes at each start of the controller: a board's lives for ever.
+pub(crate) fn options(bench: &Arc<Bench>) -> Options<SimulatedBoard> {
+    let stall = |axis| Input { bench: Arc::clone(bench), role: InputRole::Stall(axis) };
+    Options {
+        stall: std::array::from_fn(|axis| Some(stall(axis))),
+        drivers: Some(Box::leak(Box::new(DriverWire(Arc::clone(bench))))),
+        ..Options::default()
+    }
+}
+
 #[derive(Debug, Clone, Copy)]
 enum OutputRole {
     Step(usize),
@@ -146,6 +182,7 @@ impl Output {
                 mechanism.step_level.store(high, Relaxed);
                 if rises {
                     mechanism.step();
+                    bench.note_step(axis);
                 }
             }
             OutputRole::Direction(axis) => bench.axes[axis].up.store(high, Relaxed),
@@ -175,6 +212,7 @@ impl OutputPin for Output {
 #[derive(Debug, Clone, Copy)]
 enum InputRole {
     Home(usize),
+    Stall(usize),
     EmergencyStop,
 }
 
@@ -193,6 +231,15 @@ impl InputPin for Input {
     fn is_high(&mut self) -> Result<bool, Infallible> {
         Ok(match self.role {
             InputRole::Home(axis) => self.bench.axes[axis].switch_closed(),
+            InputRole::Stall(axis) => {
+                self.bench.axes[axis].blocked()
+                    && self
+                        .bench
+                        .drivers
+                        .lock()
+                        .unwrap_or_else(PoisonError::into_inner)
+                        .looks_for_stalls(axis)
+            }
             InputRole::EmergencyStop => self.bench.emergency_stop.load(Relaxed),
         })
     }

@@ -28,6 +28,17 @@ pub struct ExposureTruth {
     pub lamp_relative: f64,
 }
 
+/// A step that an axis's driver received.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Step {
+    /// Which axis.
+    pub axis: Axis,
+    /// Whether it went up.
+    pub up: bool,
+    /// When, in virtual µs.
+    pub at_us: u64,
+}
+
 /// A simulated rig. Clones are the same rig.
 #[derive(Clone)]
 pub struct SimulatedRig {
@@ -94,6 +105,13 @@ impl SimulatedRig {
         self.lock().bench.axes[axis.index()].steps()
     }
 
+    /// Steps that the drivers received since this was last asked, in order; they are traced from the first time on.
+    pub fn take_steps(&self) -> Vec<Step> {
+        let world = self.lock();
+        world.bench.traced.store(true, Relaxed);
+        world.bench.take_trace()
+    }
+
     /// Whether the shutter is open.
     pub fn shutter_open(&self) -> bool {
         self.lock().bench.shutter_open.load(Relaxed)
@@ -135,6 +153,18 @@ impl SimulatedRig {
     /// Makes an axis's motor slip by some steps, as when something pushes it.
     pub fn slip(&self, axis: Axis, steps: i32) {
         self.lock().bench.axes[axis.index()].shift(i64::from(steps));
+    }
+
+    /// A register of the TMC2209 of an axis.
+    pub fn driver_register(&self, axis: Axis, register: u8) -> u32 {
+        let world = self.lock();
+        let drivers = world.bench.drivers.lock().unwrap_or_else(PoisonError::into_inner);
+        drivers.register(axis.index(), register)
+    }
+
+    /// Cuts the wire by which drivers answer.
+    pub fn cut_driver_wire(&self) {
+        self.lock().bench.drivers_cut.store(true, Relaxed);
     }
 
     /// Breaks an axis's home switch: it never closes again.

@@ -24,7 +24,7 @@ impl World {
     pub(crate) fn new(config: &MechanicsConfig) -> Self {
         let bench = Arc::new(Bench::new(config));
         Self {
-            controller: Controller::new(pins::peripherals(&bench)),
+            controller: Controller::with_options(pins::peripherals(&bench), pins::options(&bench)),
             bench,
             seed: config.seed,
             shutter_opened_us: None,
@@ -41,7 +41,8 @@ impl World {
         self.bench.axes.iter().for_each(|axis| axis.enabled.store(false, Relaxed));
         self.bench.shutter_open.store(false, Relaxed);
         self.bench.lamp().switch(self.bench.now_us(), false);
-        self.controller = Controller::new(pins::peripherals(&self.bench));
+        let (pins, options) = (pins::peripherals(&self.bench), pins::options(&self.bench));
+        self.controller = Controller::with_options(pins, options);
         self.watch_shutter();
     }
 

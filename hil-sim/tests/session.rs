@@ -7,7 +7,8 @@ use std::time::Duration;
 
 use lobelia_hil_sim::{ExposureTruth, MechanicsConfig, SimulatedLink, SimulatedRig, serve_tcp};
 use lobelia_protocol::{
-    Answer, Command, FrameDecoder, Hello, Outcome, Refusal, Request, ToController, ToHost,
+    Answer, Axis, Command, Configuration, DriverParameters, DriverTrouble, Fault, FrameDecoder, Hello,
+    Outcome, Refusal, Request, ToController, ToHost,
 };
 use proptest::prelude::*;
 
@@ -185,5 +186,56 @@ fn host_on_tcp_is_greeted() {
             assert_eq!(ToHost::decode(payload), Ok(ToHost::Hello(Hello::new(4).reply())));
             break;
         }
+    }
+}
+
+/// The default rig with a TMC2209 for pan that looks for stalls.
+fn with_driver(config: &MechanicsConfig) -> Configuration {
+    let mut configuration = config.configuration();
+    configuration.axes[0].driver = Some(DriverParameters {
+        run_ma: 884,
+        hold_ma: 442,
+        sense_mohm: 110,
+        microsteps: 16,
+        stall_threshold: 60,
+        stall_above_speed: 100,
+    });
+    configuration
+}
+
+#[test]
+fn drivers_registers_are_set_over_the_wire_and_again_before_homing() {
+    let config = MechanicsConfig::ideal();
+    let (rig, mut host) = start(&config);
+    assert_eq!(rig.driver_register(Axis::Pan, 0x40), 0, "no driver is set up unless asked for");
+    assert_eq!(host.ask(Command::Configure(with_driver(&config))), Outcome::Done(Answer::Nothing));
+    // Half of 1.77 A and a quarter; 16 microsteps, interpolated; the threshold.
+    let registers = |axis| [0x10, 0x6C, 0x40].map(|register| rig.driver_register(axis, register));
+    assert_eq!(registers(Axis::Pan), [7 | 15 << 8 | 8 << 16, 0x1400_0053, 60]);
+    assert_eq!(registers(Axis::Tilt), [0; 3], "another address");
+    let writes = rig.driver_register(Axis::Pan, 2);
+    assert!(matches!(host.ask(Command::Home), Outcome::Done(Answer::At(_))));
+    assert_eq!(rig.driver_register(Axis::Pan, 2), 2 * writes);
+
+    rig.cut_driver_wire();
+    let silent = Outcome::Refused(Refusal::Driver { axis: Axis::Pan, trouble: DriverTrouble::Silent });
+    assert_eq!(host.ask(Command::Home), silent);
+    assert_eq!(host.ask(Command::Configure(with_driver(&config))), silent);
+}
+
+#[test]
+fn motor_that_is_blocked_is_a_stall_only_to_a_driver_that_looks_for_it() {
+    let config = MechanicsConfig::ideal();
+    for (configuration, fault) in
+        [(config.configuration(), Fault::HomingFailed), (with_driver(&config), Fault::Stall)]
+    {
+        let (rig, mut host) = start(&config);
+        assert_eq!(host.ask(Command::Configure(configuration)), Outcome::Done(Answer::Nothing));
+        // Without its switch homing runs into the stop.
+        rig.break_home_switch(Axis::Pan);
+        let Outcome::Refused(Refusal::Faulted(faults)) = host.ask(Command::Home) else {
+            panic!("not refused")
+        };
+        assert_eq!(faults.iter().collect::<Vec<_>>(), [fault]);
     }
 }

@@ -17,8 +17,9 @@ pub use fault::{Fault, FaultReport, Faults};
 pub use frame::{EncodedFrame, FrameDecoder, FrameError};
 pub use hello::{Hello, HelloReply, Verdict};
 pub use message::{
-    Answer, Axis, AxisParameters, Command, Configuration, CrashCause, CrashRecord, Event, Exposure, Field,
-    HomeDirection, HomingReport, LampStatus, Outcome, Refusal, Request, Response, Status,
+    Answer, Axis, AxisParameters, Command, Configuration, CrashCause, CrashRecord, DriverParameters,
+    DriverTrouble, Event, Exposure, Field, HomeDirection, HomingReport, LampStatus, Outcome, Refusal,
+    Request, Response, Status,
 };
 pub use packet::{CodecError, ToController, ToHost};
 

@@ -85,6 +85,42 @@ pub struct AxisParameters {
     pub home_debounce_us: u16,
     /// A check of the position passes when the switch's edge is found this near to where it should be, in steps.
     pub index_tolerance: u16,
+    /// How its driver is set up; nothing for one that is set up by its own pins.
+    pub driver: Option<DriverParameters>,
+}
+
+/// How an axis's TMC2209, whose address is the axis's number, is set up over the controller's wire to the drivers.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+pub struct DriverParameters {
+    /// Current of a phase while the motor turns, mA RMS.
+    pub run_ma: u16,
+    /// Current of a phase at rest, mA RMS.
+    pub hold_ma: u16,
+    /// Its sense resistors, mΩ.
+    pub sense_mohm: u16,
+    /// Microsteps a full step: a power of two up to 256. One of them is a step of the axis.
+    pub microsteps: u16,
+    /// Below twice this load reserve it reports a stall; 0 never. What is right has to be tried on the rig.
+    pub stall_threshold: u8,
+    /// Stalls are looked for above this speed only, steps/s.
+    pub stall_above_speed: u32,
+}
+
+/// Why a driver could not be set up.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+pub enum DriverTrouble {
+    /// The board has no wire to drivers.
+    NoWire,
+    /// The current is beyond what the driver and its sense resistors can do.
+    Current,
+    /// The microsteps are none that the driver can make.
+    Microsteps,
+    /// Bytes could not be sent, or nothing came back in time.
+    Silent,
+    /// What came back is no datagram, or its checksum is wrong.
+    Garbled,
+    /// The driver counted other writes than were made: one was lost.
+    WriteLost,
 }
 
 /// All that the controller has to know of the rig.
@@ -278,6 +314,13 @@ pub enum Refusal {
     OutOfWindow,
     /// The controller has no memory for parameters, or it can't be written.
     NoStorage,
+    /// An axis's driver could not be set up.
+    Driver {
+        /// Whose.
+        axis: Axis,
+        /// Why.
+        trouble: DriverTrouble,
+    },
 }
 
 /// A parameter that can be out of range.

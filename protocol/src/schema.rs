@@ -4,7 +4,7 @@
 //! by number. A test pins the bytes of a sample of each message beside the identity, so neither can change alone.
 
 /// Version for people; raise it with every change of [`TEXT`].
-pub const VERSION: u32 = 2;
+pub const VERSION: u32 = 3;
 
 /// The schema, described.
 pub const TEXT: &str = "\
@@ -18,13 +18,15 @@ lamp_safe_level:u16 camera_wait_ms:u16 coordinated:bool
 axis_parameters min_steps:i32 max_steps:i32 max_speed:u32(steps/s) acceleration:u32(steps/s2) jerk:u32(steps/s3) \
 full_turn_steps:u32 take_up_steps:u32 \
 settle_ms:u16 home_direction(0:negative 1:positive) home_position:i32 home_speed:u32 home_slow_speed:u32 \
-home_back_off:u32 home_travel:u32 home_debounce_us:u16 index_tolerance:u16
+home_back_off:u32 home_travel:u32 home_debounce_us:u16 index_tolerance:u16 driver:option driver_parameters
+driver_parameters run_ma:u16 hold_ma:u16 sense_mohm:u16 microsteps:u16 stall_threshold:u8 stall_above_speed:u32(steps/s)
 response session:u32 id:u32 outcome(0:done(answer) 1:refused(refusal) 2:running)
 answer 0:nothing 1:at([i32;4]) 2:exposed(start_us:u64 open_us:u32 reference_q8:u32 readings:u32 flicker_ppm:u32) 3:status(status) \
 4:homed(positions:[i32;4] spread_steps:[u32;4] approaches:u8) 5:checked([i32;4])
 refusal 0:no_session 1:stale 2:not_configured 3:bad_parameter(axis:option field) 4:busy 5:position_unknown(axis) \
 6:out_of_limits(axis) 7:lamp_not_warm(remaining_s:option u16) 8:faulted(faults) 9:emergency_stop_pressed 10:stopped \
-11:camera_not_ready 12:shutter_late(late_us:u32) 13:out_of_window 14:no_storage
+11:camera_not_ready 12:shutter_late(late_us:u32) 13:out_of_window 14:no_storage \
+15:driver(axis trouble(0:no_wire 1:current 2:microsteps 3:silent 4:garbled 5:write_lost))
 field 0:limits 1:max_speed 2:acceleration 3:take_up 4:home_position 5:home_speed 6:home_travel 7:duration 8:jerk \
 9:full_turn 10:approaches
 status positions:[i32;4] known:[bool;4] moving:[bool;4] at_switch:[bool;4] configured:bool busy:bool \

@@ -2,9 +2,10 @@
 
 use lobelia_protocol::frame::{self, MAX_PAYLOAD};
 use lobelia_protocol::{
-    Answer, Axis, AxisParameters, Command, Configuration, CrashCause, CrashRecord, Event, Exposure, Fault,
-    FaultReport, Faults, Field, FrameDecoder, FrameError, Hello, HelloReply, HomeDirection, HomingReport,
-    LampStatus, Outcome, Refusal, Request, Response, Status, ToController, ToHost, Verdict, schema,
+    Answer, Axis, AxisParameters, Command, Configuration, CrashCause, CrashRecord, DriverParameters,
+    DriverTrouble, Event, Exposure, Fault, FaultReport, Faults, Field, FrameDecoder, FrameError, Hello,
+    HelloReply, HomeDirection, HomingReport, LampStatus, Outcome, Refusal, Request, Response, Status,
+    ToController, ToHost, Verdict, schema,
 };
 use proptest::collection::vec;
 use proptest::prelude::*;
@@ -39,6 +40,14 @@ fn axis_parameters(base: i32) -> AxisParameters {
         home_travel: u32::MAX,
         home_debounce_us: 3000,
         index_tolerance: 4,
+        driver: (base == 1).then_some(DriverParameters {
+            run_ma: 800,
+            hold_ma: 300,
+            sense_mohm: 110,
+            microsteps: 16,
+            stall_threshold: 60,
+            stall_above_speed: 4000,
+        }),
     }
 }
 
@@ -119,6 +128,7 @@ fn outcomes() -> Vec<Outcome> {
             Refusal::ShutterLate { late_us: 12 },
             Refusal::OutOfWindow,
             Refusal::NoStorage,
+            Refusal::Driver { axis: Axis::Tilt, trouble: DriverTrouble::Garbled },
         ]
         .map(Outcome::Refused),
     );
@@ -175,7 +185,7 @@ fn bytes_of_messages_change_only_together_with_the_schema_identity() {
     let pinned = (schema::VERSION, schema::IDENTITY, schema::identity(0, &bytes));
     assert_eq!(
         pinned,
-        (2, 16_659_785_821_898_396_137, 6_223_815_578_139_945_509),
+        (3, 58_688_610_460_636_819, 4_852_514_492_686_814_605),
         "raise schema::VERSION, describe the change in schema::TEXT, then pin"
     );
 }

@@ -9,6 +9,8 @@ use std::sync::mpsc::{self, Receiver};
 use std::time::{Duration, Instant};
 
 use lobelia::rig::Port;
+use lobelia::rig::trace::Step;
+use lobelia_protocol::Axis;
 use serde_json::{Value, json};
 
 /// How long QEMU may take to answer before the test gives up.
@@ -43,17 +45,6 @@ pub struct Qemu {
     kept: u32,
     /// Steps of the trace already told.
     steps_told: u32,
-}
-
-/// A step as the program under emulation notes it.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Step {
-    /// When, in µs of the controller's clock; wraps at 2²⁹.
-    pub at_us: u32,
-    /// Number of the axis.
-    pub axis: usize,
-    /// Whether it went up.
-    pub up: bool,
 }
 
 /// The program for QEMU of a board, if it was built and QEMU is there; else prints why not, and panics under CI.
@@ -146,8 +137,10 @@ impl Qemu {
         self.ask_test(&format!("writel {trigger:#x} {number}"), |_, _| {});
     }
 
-    /// The program's trace of steps since this was last asked.
+    /// The program's trace of steps since this was last asked; times count from the first.
     pub fn steps(&mut self) -> Vec<Step> {
+        /// The trace's clock wraps at so many bits.
+        const CLOCK: u32 = (1 << 29) - 1;
         let trace = self.word(self.kept + 4 * 4);
         let count = self.word(trace);
         let bytes = self.memory(trace + 4, 4 * STEPS_HELD as usize);
@@ -155,10 +148,14 @@ impl Qemu {
             bytes.chunks_exact(4).map(|word| u32::from_le_bytes(word.try_into().unwrap())).collect();
         assert!(count - self.steps_told <= STEPS_HELD, "steps were lost");
         let told = std::mem::replace(&mut self.steps_told, count);
-        (told..count)
-            .map(|number| ring[(number % STEPS_HELD) as usize])
-            .map(|step| Step { at_us: step >> 3, axis: (step & 3) as usize, up: step & 4 != 0 })
-            .collect()
+        let steps: Vec<u32> = (told..count).map(|number| ring[(number % STEPS_HELD) as usize]).collect();
+        let first = steps.first().map_or(0, |step| step >> 3);
+        let step = |step: u32| Step {
+            axis: Axis::ALL[(step & 3) as usize],
+            up: step & 4 != 0,
+            at_us: (step >> 3).wrapping_sub(first) & CLOCK,
+        };
+        steps.into_iter().map(step).collect()
     }
 
     /// Reads a word of memory or a register.
@@ -246,6 +243,47 @@ fn connect(socket: &Path) -> UnixStream {
             Err(error) if start.elapsed() > PATIENCE => panic!("QEMU's {}: {error}", socket.display()),
             Err(_) => std::thread::sleep(Duration::from_millis(10)),
         }
+    }
+}
+
+/// An emulated serial port that tells the steps too.
+#[derive(Debug)]
+pub struct TracedPort {
+    port: SerialSocket,
+    qemu: Qemu,
+}
+
+impl TracedPort {
+    /// The port of a program, which it owns from now on.
+    pub fn new(qemu: Qemu) -> Self {
+        Self { port: qemu.port(), qemu }
+    }
+}
+
+impl Read for TracedPort {
+    fn read(&mut self, into: &mut [u8]) -> io::Result<usize> {
+        self.port.read(into)
+    }
+}
+
+impl Write for TracedPort {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        self.port.write(bytes)
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        self.port.flush()
+    }
+}
+
+impl Port for TracedPort {
+    fn set_read_timeout(&mut self, timeout: Duration) -> io::Result<()> {
+        // A slow emulation must not have requests repeated: they take time from the steps.
+        self.port.set_read_timeout(100 * timeout)
+    }
+
+    fn steps(&mut self) -> Option<Vec<Step>> {
+        Some(self.qemu.steps())
     }
 }
 

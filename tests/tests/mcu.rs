@@ -3,9 +3,11 @@
 #![cfg(unix)]
 #![allow(clippy::unwrap_used, reason = "helpers of tests are tests")]
 
-use lobelia::rig::RigClient;
+use lobelia::rig::trace::{self, Recorder};
+use lobelia::rig::{RigClient, replay};
+use lobelia_hil_sim::{MechanicsConfig, SimulatedRig};
 use lobelia_protocol::{AxisParameters, Configuration, CrashCause, Fault, HomeDirection};
-use lobelia_tests::qemu::{Machine, Qemu, program};
+use lobelia_tests::qemu::{Machine, Qemu, TracedPort, program};
 
 const LM3S6965: Machine =
     Machine { board: "lm3s6965", machine: "lm3s6965evb", ports_before: 0, shift: 5, kept: 0x2000_F800 };
@@ -42,6 +44,7 @@ fn configuration() -> Configuration {
         home_travel: 2000,
         home_debounce_us: 1000,
         index_tolerance: 4,
+        driver: None,
     });
     // Without leases: emulated time runs as fast as it can, whatever the host does meanwhile.
     Configuration {
@@ -257,4 +260,47 @@ fn emergency_stop_of_the_f405_is_a_fault_by_its_interrupt_alone() {
     assert_eq!(client.status().unwrap().known, [false; 4]);
     client.clear_faults().unwrap();
     client.home().unwrap();
+}
+
+/// What the steps of a move may have been put off by at its end, µs.
+const MOST_LATE_US: u32 = 300;
+
+/// The same rig as the one modelled beside the emulated chip: a step is a degree, the switch 300 steps below the start.
+fn simulated_rig() -> SimulatedRig {
+    let mut config = MechanicsConfig::ideal();
+    for axis in [&mut config.pan, &mut config.tilt, &mut config.roll, &mut config.light] {
+        axis.degrees_per_step = 1.0;
+        axis.home_switch_deg = 0.5;
+        axis.switch_hysteresis_deg = 0.0;
+        axis.stops_deg = [-1e6, 1e6];
+        axis.start_deg = 300.0;
+    }
+    SimulatedRig::new(&config)
+}
+
+#[test]
+fn session_recorded_in_qemu_is_replayed_by_the_simulator_step_by_step() {
+    let Some(program) = program(LM3S6965.board) else { return };
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("trace.jsonl");
+    let mut qemu = Qemu::load(Machine { shift: 0, ..LM3S6965 }, &program);
+    qemu.start();
+    let mut client = RigClient::connect(Box::new(TracedPort::new(qemu))).unwrap();
+    client.configure(&configuration()).unwrap();
+    client.record(Recorder::create(&path).unwrap().with_steps());
+    client.configure(&configuration()).unwrap();
+    client.home().unwrap();
+    for index in 0..4 {
+        client.move_to(pose(index)).unwrap();
+    }
+    drop(client);
+
+    let trace = trace::read(&path).unwrap();
+    let mut client = RigClient::connect(Box::new(simulated_rig().link())).unwrap();
+    let replayed = replay::run(&mut client, &trace, false, || {}).unwrap();
+    println!("{} steps, times within {} µs", replayed.steps, replayed.most_us);
+    assert_eq!(replayed.differences, []);
+    assert!(replayed.steps > 5000);
+    // At 1 ns an instruction. A step that is made late because another axis's was due shifts those after it.
+    assert!(replayed.most_us <= MOST_LATE_US, "{} µs", replayed.most_us);
 }

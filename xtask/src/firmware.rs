@@ -188,17 +188,59 @@ fn is_ci() -> bool {
     std::env::var_os("CI").is_some_and(|value| value == "true")
 }
 
+/// What `cargo xtask flash` was asked for.
+struct Flashing {
+    board: &'static Board,
+    /// The chip's name for probe-rs.
+    chip: &'static str,
+    probe: Option<String>,
+}
+
+impl Flashing {
+    fn parse(arguments: impl Iterator<Item = String>) -> Result<Self> {
+        let (mut name, mut probe) = ("stm32f405".to_owned(), None);
+        let mut arguments = arguments;
+        while let Some(argument) = arguments.next() {
+            match argument.as_str() {
+                "--board" => name = arguments.next().context("--board needs a board's name")?,
+                "--probe" => probe = Some(arguments.next().context("--probe needs a probe's VID:PID")?),
+                other => bail!("flash has no option `{other}`; see `cargo xtask help`"),
+            }
+        }
+        let names = BOARDS.map(|board| board.name).join(" and ");
+        let board = BOARDS.iter().find(|board| board.name == name);
+        let board = board.with_context(|| format!("there is no board `{name}`; there are {names}"))?;
+        let chip =
+            board.chip.with_context(|| format!("{name} is only emulated, so it can't be written to"))?;
+        Ok(Self { board, chip, probe })
+    }
+
+    /// probe-rs, as it writes the program, checks it and starts it.
+    fn commands(&self, program: &Path) -> [Command; 2] {
+        let command = |task: &str| {
+            let mut command = Command::new("probe-rs");
+            command.args([task, "--chip", self.chip]);
+            command.args(self.probe.iter().flat_map(|probe| ["--probe", probe]));
+            command
+        };
+        let mut download = command("download");
+        download.arg("--verify").arg(program);
+        [download, command("reset")]
+    }
+}
+
 /// `cargo xtask flash`.
-pub(crate) fn flash() -> Result<()> {
+pub(crate) fn flash(arguments: impl Iterator<Item = String>) -> Result<()> {
+    let flashing = Flashing::parse(arguments)?;
     if Command::new("probe-rs").arg("--version").output().is_err() {
         bail!(
             "probe-rs writes the program, and it is not there; https://probe.rs/docs/getting-started/installation tells how to get it"
         );
     }
-    let board = BOARDS.iter().find(|board| board.chip.is_some()).context("no board to write to")?;
+    let board = flashing.board;
     let program = board.build(&find_toolchain(&[board])?, None)?;
-    let chip = board.chip.unwrap_or_default();
-    run(Command::new("probe-rs").args(["run", "--chip", chip]).arg(program))
+    println!("xtask: writing {} to a {}", program.display(), flashing.chip);
+    flashing.commands(&program).iter_mut().try_for_each(run)
 }
 
 /// Runs a command that has to succeed.
@@ -208,4 +250,41 @@ fn run(command: &mut Command) -> Result<()> {
         bail!("{command:?} failed ({status})");
     }
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn parse(arguments: &[&str]) -> Result<Flashing> {
+        Flashing::parse(arguments.iter().map(|&argument| argument.to_owned()))
+    }
+
+    fn words(command: &Command) -> String {
+        let words = std::iter::once(command.get_program()).chain(command.get_args());
+        words.map(|word| word.to_string_lossy().into_owned()).collect::<Vec<_>>().join(" ")
+    }
+
+    #[test]
+    fn flash_writes_checks_and_starts_the_program_of_the_board_named() {
+        let commands =
+            |arguments: &[&str]| parse(arguments).unwrap().commands(Path::new("fw")).each_ref().map(words);
+        let expected =
+            ["probe-rs download --chip STM32F405RGTx --verify fw", "probe-rs reset --chip STM32F405RGTx"];
+        assert_eq!(commands(&[]), expected);
+        assert_eq!(commands(&["--board", "stm32f405"]), expected);
+        let [download, reset] = commands(&["--probe", "0483:374b"]);
+        assert!(download.ends_with("--probe 0483:374b --verify fw"), "{download}");
+        assert!(reset.ends_with("--probe 0483:374b"), "{reset}");
+    }
+
+    #[test]
+    fn flash_refuses_what_it_does_not_know_and_says_what_there_is() {
+        let refused = |arguments: &[&str]| parse(arguments).err().map(|error| format!("{error:#}")).unwrap();
+        assert_eq!(refused(&["--board", "uno"]), "there is no board `uno`; there are lm3s6965 and stm32f405");
+        assert!(refused(&["--board", "lm3s6965"]).contains("only emulated"));
+        assert!(refused(&["--board"]).contains("needs a board's name"));
+        assert!(refused(&["--probe"]).contains("needs a probe's"));
+        assert!(refused(&["now"]).contains("no option `now`"));
+    }
 }

@@ -15,7 +15,8 @@ const HELP: &str = "cargo xtask TASK
   firmware [--board lm3s6965|stm32f405] [--update] [--rates]
           builds the boards' programs with clippy, prints and checks their sizes (--update renews the snapshot);
           --rates counts the instructions of a step
-  flash   writes the stm32f405's program by probe-rs
+  flash [--board B] [--probe VID:PID[:SERIAL]]
+          writes a board's program, the stm32f405's unless told otherwise, by probe-rs, and leaves stored parameters as they are
   help    this text
 
 `test` installs the software Vulkan driver that the GPU tests need when it runs as root on a Debian-like machine, and
@@ -28,7 +29,7 @@ fn main() -> ExitCode {
         Some("test") => test(),
         Some("long") => long(),
         Some("firmware") => firmware::task(std::env::args().skip(2)),
-        Some("flash") => firmware::flash(),
+        Some("flash") => firmware::flash(std::env::args().skip(2)),
         Some("help" | "--help" | "-h") | None => {
             println!("{HELP}");
             Ok(())

@@ -1,7 +1,9 @@
-//! The TMC2209 by its one-wire UART: datagrams with a CRC-8, and the few registers that set current and stall threshold
+//! The TMC2209 by its one-wire UART: datagrams with a CRC-8, and the few registers that set current, microsteps and stall threshold
 //! (its datasheet, sections 4 and 5).
 
-use crate::driver::{DriverBus, DriverError, DriverSettings, StepperDriver};
+use lobelia_protocol::{DriverParameters, DriverTrouble};
+
+use crate::driver::{DriverBus, StepperDriver};
 
 const SYNC: u8 = 5;
 const WRITE: u8 = 0x80;
@@ -15,10 +17,13 @@ mod register {
     pub(super) const IHOLD_IRUN: u8 = 0x10;
     pub(super) const TCOOLTHRS: u8 = 0x14;
     pub(super) const SGTHRS: u8 = 0x40;
+    pub(super) const CHOPCONF: u8 = 0x6C;
 }
 
-/// `pdn_disable` and `mstep_reg_select`, over the defaults: the UART instead of pins, current not by the analog input.
+/// `pdn_disable` and `mstep_reg_select`, over the defaults: the UART and its microsteps instead of pins, current not by the analog input.
 const GCONF: u32 = 1 << 6 | 1 << 7;
+/// As after power-up, interpolating to 256 microsteps, but for the microsteps taken in.
+const CHOPCONF: u32 = 0x1000_0053;
 /// Steps of the current's slow fall to the hold current, each 2¹⁸ clocks.
 const HOLD_DELAY: u32 = 8;
 /// The driver's own clock, Hz.
@@ -86,47 +91,51 @@ fn clocks_per_fine_step(speed: u32, microsteps: u16) -> u32 {
     CLOCK.checked_div(fine).map_or((1 << 20) - 1, |clocks| clocks.min((1 << 20) - 1) as u32)
 }
 
-/// One TMC2209 on a bus.
-#[derive(Debug)]
-pub struct Tmc2209<B> {
-    /// The wire.
-    pub bus: B,
-    /// Its address, 0 to 3, by its pins.
-    pub node: u8,
-    /// Its sense resistors, mΩ.
-    pub sense_mohm: u16,
-    /// Microsteps a full step, as its pins set them.
-    pub microsteps: u16,
+/// The code of microsteps a full step, 0 for 256 to 8 for 1.
+fn microstep_code(microsteps: u16) -> Option<u32> {
+    (microsteps.is_power_of_two() && microsteps <= 256).then(|| 8 - microsteps.trailing_zeros())
 }
 
-impl<B: DriverBus> Tmc2209<B> {
-    fn read(&mut self, register: u8) -> Result<u32, DriverError> {
+/// One TMC2209 on a bus.
+pub struct Tmc2209<'a> {
+    /// The wire.
+    pub bus: &'a mut dyn DriverBus,
+    /// Its address, 0 to 3, by its pins.
+    pub node: u8,
+}
+
+impl Tmc2209<'_> {
+    fn read(&mut self, register: u8) -> Result<u32, DriverTrouble> {
         let mut reply = [0; 8];
         if !self.bus.send(&read_datagram(self.node, register)) || !self.bus.receive(&mut reply) {
-            return Err(DriverError::Silent);
+            return Err(DriverTrouble::Silent);
         }
-        read_reply(register, &reply).ok_or(DriverError::Garbled)
+        read_reply(register, &reply).ok_or(DriverTrouble::Garbled)
     }
 }
 
-impl<B: DriverBus> StepperDriver for Tmc2209<B> {
-    fn set_up(&mut self, settings: &DriverSettings) -> Result<(), DriverError> {
-        let current = |ma| current_setting(ma, self.sense_mohm).map(u32::from).ok_or(DriverError::Current);
+impl StepperDriver for Tmc2209<'_> {
+    fn set_up(&mut self, settings: &DriverParameters) -> Result<(), DriverTrouble> {
+        let current =
+            |ma| current_setting(ma, settings.sense_mohm).map(u32::from).ok_or(DriverTrouble::Current);
         let (run, hold) = (current(settings.run_ma)?, current(settings.hold_ma)?);
+        let microsteps = microstep_code(settings.microsteps).ok_or(DriverTrouble::Microsteps)?;
+        let stall_above = clocks_per_fine_step(settings.stall_above_speed, settings.microsteps);
         let writes = [
             (register::GCONF, GCONF),
+            (register::CHOPCONF, CHOPCONF | microsteps << 24),
             (register::IHOLD_IRUN, hold | run << 8 | HOLD_DELAY << 16),
-            (register::TCOOLTHRS, clocks_per_fine_step(settings.stall_above_speed, self.microsteps)),
+            (register::TCOOLTHRS, stall_above),
             (register::SGTHRS, u32::from(settings.stall_threshold)),
         ];
         let before = self.read(register::IFCNT)? as u8;
         for (register, value) in writes {
             if !self.bus.send(&write_datagram(self.node, register, value)) {
-                return Err(DriverError::Silent);
+                return Err(DriverTrouble::Silent);
             }
         }
         let after = self.read(register::IFCNT)? as u8;
-        if after.wrapping_sub(before) == writes.len() as u8 { Ok(()) } else { Err(DriverError::WriteLost) }
+        if after.wrapping_sub(before) == writes.len() as u8 { Ok(()) } else { Err(DriverTrouble::WriteLost) }
     }
 }
 
@@ -190,7 +199,7 @@ mod tests {
         }
     }
 
-    impl DriverBus for &mut Chip {
+    impl DriverBus for Chip {
         fn send(&mut self, bytes: &[u8]) -> bool {
             match *bytes {
                 [SYNC, 1, register, a, b, c, d, _] if register & WRITE != 0 => {
@@ -215,30 +224,40 @@ mod tests {
         }
     }
 
-    const SETTINGS: DriverSettings =
-        DriverSettings { run_ma: 884, hold_ma: 442, stall_threshold: 60, stall_above_speed: 4000 };
+    const SETTINGS: DriverParameters = DriverParameters {
+        run_ma: 884,
+        hold_ma: 442,
+        sense_mohm: 110,
+        microsteps: 16,
+        stall_threshold: 60,
+        stall_above_speed: 4000,
+    };
 
-    fn set_up(chip: &mut Chip, settings: &DriverSettings) -> Result<(), DriverError> {
-        Tmc2209 { bus: chip, node: 1, sense_mohm: 110, microsteps: 16 }.set_up(settings)
+    fn set_up(chip: &mut Chip, settings: &DriverParameters) -> Result<(), DriverTrouble> {
+        Tmc2209 { bus: chip, node: 1 }.set_up(settings)
     }
 
     #[test]
-    fn set_up_writes_current_and_stall_threshold() {
+    fn set_up_writes_current_microsteps_and_stall_threshold() {
         let mut chip = Chip::default();
         chip.registers[2] = 254;
         assert_eq!(set_up(&mut chip, &SETTINGS), Ok(()));
         assert_eq!(chip.registers[0x10], 7 | 15 << 8 | 8 << 16);
+        // 16 microsteps are code 4.
+        assert_eq!(chip.registers[0x6c], 0x1400_0053);
         // 4000 microsteps/s are 64 000 fine steps: 187 clocks each.
         assert_eq!((chip.registers[0x14], chip.registers[0x40]), (187, 60));
     }
 
     #[test]
-    fn lost_write_silence_and_too_high_a_current_are_told() {
+    fn lost_write_silence_and_bad_settings_are_told() {
         let mut chip = Chip { loses: Some(2), ..Chip::default() };
-        assert_eq!(set_up(&mut chip, &SETTINGS), Err(DriverError::WriteLost));
+        assert_eq!(set_up(&mut chip, &SETTINGS), Err(DriverTrouble::WriteLost));
         let mut chip = Chip { silent: true, ..Chip::default() };
-        assert_eq!(set_up(&mut chip, &SETTINGS), Err(DriverError::Silent));
-        let settings = DriverSettings { run_ma: 3000, ..SETTINGS };
-        assert_eq!(set_up(&mut Chip::default(), &settings), Err(DriverError::Current));
+        assert_eq!(set_up(&mut chip, &SETTINGS), Err(DriverTrouble::Silent));
+        let settings = DriverParameters { run_ma: 3000, ..SETTINGS };
+        assert_eq!(set_up(&mut Chip::default(), &settings), Err(DriverTrouble::Current));
+        let settings = DriverParameters { microsteps: 20, ..SETTINGS };
+        assert_eq!(set_up(&mut Chip::default(), &settings), Err(DriverTrouble::Microsteps));
     }
 }

@@ -147,6 +147,7 @@ fn configuration() -> Configuration {
         home_travel: 5000,
         home_debounce_us: 0,
         index_tolerance: 4,
+        driver: None,
     });
     Configuration {
         axes,

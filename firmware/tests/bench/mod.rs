@@ -248,6 +248,7 @@ impl Rig {
             stall: std::array::from_fn(|axis| Some(pin(Role::Stall(axis)))),
             over_temperature: Some(pin(Role::Hot)),
             camera_ready: Some(pin(Role::CameraReady)),
+            drivers: None,
             storage,
             emergency_stop: Some(emergency_stop),
             watchdog: Some(Box::leak(Box::new(Dog(Arc::clone(&meals))))),
@@ -387,6 +388,7 @@ pub(crate) fn configuration() -> Configuration {
         home_travel: 4000,
         home_debounce_us: 2000,
         index_tolerance: 2,
+        driver: None,
     };
     Configuration {
         axes: [axis(2000, 4000), axis(1000, 20_000), axis(300, 100), axis(20_000, 50_000)],

@@ -30,7 +30,8 @@ pub(super) fn run(args: &TemplateArgs) -> Result<()> {
     };
     match args.kind {
         Kind::Rig => {
-            print!("{RIG_HEADING}{}", with_comments(&written(toml::to_string(&RigConfig::default()))?));
+            let rig = with_comments(&written(toml::to_string(&RigConfig::default()))?);
+            print!("{RIG_HEADING}{rig}{RIG_DRIVER}");
         }
         #[cfg(feature = "sim")]
         Kind::Material => {
@@ -43,6 +44,17 @@ pub(super) fn run(args: &TemplateArgs) -> Result<()> {
 
 const RIG_HEADING: &str =
     "# A rig. Lengths in mm, angles in degrees, times in s; keys left out keep the values shown here.\n";
+
+const RIG_DRIVER: &str = "
+# An axis whose TMC2209 is on the controller's wire (its address: 0 pan, 1 tilt, 2 roll, 3 light) may have:
+# [axes.pan.driver]
+# run_ma = 800              # current of a phase while it turns
+# hold_ma = 400             # and at rest
+# sense_mohm = 110          # its sense resistors
+# microsteps = 16           # a full step; one of them is a step of degrees_per_step
+# stall_threshold = 0       # how much load counts as a stall, to be found by trying; 0 for never
+# stall_above_deg_s = 5.0   # stalls are looked for above this speed
+";
 
 #[cfg(feature = "sim")]
 const MATERIAL_HEADING: &str = "\
@@ -112,6 +124,15 @@ mod tests {
         let read: RigConfig = crate::toml_file::parse(&file, "rig.toml").unwrap();
         assert_eq!(read, RigConfig::default());
         assert_eq!(file.matches("  # ").count(), COMMENTS.len());
+    }
+
+    #[test]
+    fn the_example_driver_is_the_default_one() {
+        let lines = RIG_DRIVER.lines().filter_map(|line| line.strip_prefix("# ")).skip(1);
+        let rig = toml::to_string(&RigConfig::default()).unwrap();
+        let file = rig + "\n" + &lines.collect::<Vec<_>>().join("\n");
+        let read: RigConfig = crate::toml_file::parse(&file, "rig.toml").unwrap();
+        assert_eq!(read.axes.pan.driver, Some(crate::rig::config::Driver::default()));
     }
 
     #[test]

@@ -15,7 +15,7 @@ use lobelia_protocol::{
 use crate::error::{Error, Result};
 use crate::rig::explain;
 use crate::rig::port::Port;
-use crate::rig::trace::Recorder;
+use crate::rig::trace::{Recorder, Step};
 use crate::rig::wire::Wire;
 
 /// After this long without an answer a request is sent again.
@@ -38,6 +38,8 @@ pub struct RigClient {
     crash: Option<CrashRecord>,
     events: VecDeque<Event>,
     recorder: Option<Recorder>,
+    /// The steps that the last request caused, where they are looked at and the port can tell them.
+    steps: Option<Vec<Step>>,
     interrupted: Option<Box<dyn Fn() -> bool + Send>>,
 }
 
@@ -62,6 +64,7 @@ impl RigClient {
             crash: None,
             events: VecDeque::new(),
             recorder: None,
+            steps: None,
             interrupted: None,
         };
         for _ in 0..REPETITIONS {
@@ -87,7 +90,20 @@ impl RigClient {
 
     /// From now on writes every request, its outcome and every pause to a trace.
     pub fn record(&mut self, recorder: Recorder) {
+        if recorder.has_steps() {
+            self.look_at_steps();
+        }
         self.recorder = Some(recorder);
+    }
+
+    /// From now on asks the port, if it can tell, for the steps that each request causes.
+    pub(crate) fn look_at_steps(&mut self) {
+        self.steps = self.wire.steps();
+    }
+
+    /// The steps that the last request caused, where they are looked at and the port can tell them.
+    pub(crate) fn last_steps(&self) -> Option<&[Step]> {
+        self.steps.as_deref()
     }
 
     /// Sets the rig's parameters. Positions stay known if the controller had the same ones already.
@@ -265,8 +281,12 @@ impl RigClient {
                 {
                     continue;
                 }
+                if self.steps.is_some() {
+                    self.look_at_steps();
+                }
                 if let Some(recorder) = &mut self.recorder {
                     recorder.exchange(&command, &response.outcome)?;
+                    recorder.steps(self.steps.clone().unwrap_or_default())?;
                 }
                 return Ok(response.outcome);
             }

@@ -2,7 +2,7 @@
 //!
 //! Lengths in mm, angles in degrees, times in seconds, as the key names say.
 
-use lobelia_protocol::{AxisParameters, Configuration, HomeDirection};
+use lobelia_protocol::{AxisParameters, Configuration, DriverParameters, HomeDirection};
 use serde::{Deserialize, Serialize};
 
 mod check;
@@ -82,6 +82,40 @@ pub struct Axis {
     pub settle_s: f64,
     /// Largest angular error of a position (table 3.1); the weight of the motors against the fiducials.
     pub repeatability_deg: f64,
+    /// The axis's TMC2209, where the controller sets it up over its wire; its address is the axis's number from 0.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub driver: Option<Driver>,
+}
+
+/// How a TMC2209 is set up.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Driver {
+    /// Current of a phase while the motor turns, mA RMS.
+    pub run_ma: u16,
+    /// Current of a phase at rest, mA RMS.
+    pub hold_ma: u16,
+    /// The driver's sense resistors, mΩ.
+    pub sense_mohm: u16,
+    /// Microsteps a full step, a power of two up to 256; one of them is a step of the axis.
+    pub microsteps: u16,
+    /// How much load counts as a stall, to be found by trying; 0 for never.
+    pub stall_threshold: u8,
+    /// Stalls are looked for above this speed only, °/s.
+    pub stall_above_deg_s: f64,
+}
+
+impl Default for Driver {
+    fn default() -> Self {
+        Self {
+            run_ma: 800,
+            hold_ma: 400,
+            sense_mohm: 110,
+            microsteps: 16,
+            stall_threshold: 0,
+            stall_above_deg_s: 5.0,
+        }
+    }
 }
 
 fn default_jerk() -> f64 {
@@ -102,6 +136,7 @@ impl Default for Axes {
             take_up_deg: 0.5,
             settle_s: 0.2,
             repeatability_deg,
+            driver: None,
         };
         let light = Axis {
             // Ten of table 3.1's motor counts: still 1/88 of the repeatability.
@@ -116,6 +151,7 @@ impl Default for Axes {
             take_up_deg: 0.2,
             settle_s: 0.3,
             repeatability_deg: 0.1411,
+            driver: None,
         };
         Self { pan: head(90.0, 0.786), tilt: head(90.0, 0.786), roll: head(180.0, 0.786), light }
     }
@@ -149,6 +185,17 @@ impl Axis {
             home_travel: positive(self.max_deg - self.home_deg + 20.0)?,
             home_debounce_us: 3000,
             index_tolerance: 4,
+            driver: match &self.driver {
+                None => None,
+                Some(driver) => Some(DriverParameters {
+                    run_ma: driver.run_ma,
+                    hold_ma: driver.hold_ma,
+                    sense_mohm: driver.sense_mohm,
+                    microsteps: driver.microsteps,
+                    stall_threshold: driver.stall_threshold,
+                    stall_above_speed: positive(driver.stall_above_deg_s)?,
+                }),
+            },
         })
     }
 }

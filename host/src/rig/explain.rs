@@ -1,6 +1,6 @@
 //! Sentences for what the controller reports: what is wrong and what to do about it.
 
-use lobelia_protocol::{Axis, Fault, FaultReport, Faults, Field, HelloReply, Refusal, schema};
+use lobelia_protocol::{Axis, DriverTrouble, Fault, FaultReport, Faults, Field, HelloReply, Refusal, schema};
 
 use crate::error::Error;
 
@@ -53,7 +53,30 @@ pub(crate) fn refusal(refusal: Refusal) -> Error {
         Refusal::NoStorage => {
             Error::failure("the rig's controller has no memory for parameters, or it can't be written")
         }
+        Refusal::Driver { axis, trouble } => driver(axis, trouble),
         Refusal::Stopped => Error::failure("the rig was stopped before it had finished"),
+    }
+}
+
+/// Why an axis's driver could not be set up.
+fn driver(axis: Axis, trouble: DriverTrouble) -> Error {
+    let axis = axis.name();
+    match trouble {
+        DriverTrouble::NoWire => Error::input(format!(
+            "this controller has no wire to motor drivers; take [axes.{axis}.driver] out of the rig's file"
+        )),
+        DriverTrouble::Current => Error::input(format!(
+            "the driver of {axis} cannot make run_ma or hold_ma with its sense resistors, sense_mohm"
+        )),
+        DriverTrouble::Microsteps => {
+            Error::input(format!("the driver of {axis} cannot make so many microsteps"))
+        }
+        DriverTrouble::Silent => Error::failure(format!(
+            "the driver of {axis} does not answer; check the motors' supply, its address pins and the wire to it"
+        )),
+        DriverTrouble::Garbled | DriverTrouble::WriteLost => Error::failure(format!(
+            "the driver of {axis} was not understood or did not take its settings; check the wire to it"
+        )),
     }
 }
 

@@ -7,6 +7,7 @@ use std::time::Duration;
 use serialport::SerialPort;
 
 use crate::error::{Error, Result};
+use crate::rig::trace::Step;
 
 /// Bits a second of a serial line; a USB serial port takes no notice.
 const BAUD: u32 = 115_200;
@@ -15,6 +16,12 @@ const BAUD: u32 = 115_200;
 pub trait Port: Read + Write + Send {
     /// How long a read waits for a byte.
     fn set_read_timeout(&mut self, timeout: Duration) -> io::Result<()>;
+
+    /// The steps that motors were given since this was last asked, for a port that can tell; it may begin to look when it
+    /// is first asked.
+    fn steps(&mut self) -> Option<Vec<Step>> {
+        None
+    }
 }
 
 impl Port for Box<dyn SerialPort> {
@@ -34,6 +41,17 @@ impl Port for lobelia_hil_sim::SimulatedLink {
     fn set_read_timeout(&mut self, timeout: Duration) -> io::Result<()> {
         self.set_timeout(timeout);
         Ok(())
+    }
+
+    fn steps(&mut self) -> Option<Vec<Step>> {
+        let steps = self.take_steps();
+        let first = steps.first().map_or(0, |step| step.at_us);
+        let step = |step: lobelia_hil_sim::Step| Step {
+            axis: step.axis,
+            up: step.up,
+            at_us: (step.at_us - first) as u32,
+        };
+        Some(steps.into_iter().map(step).collect())
     }
 }
 

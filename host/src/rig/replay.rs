@@ -9,7 +9,7 @@ use lobelia_protocol::{Answer, Axis, Command, Exposure, Outcome, Refusal, Status
 
 use crate::error::Result;
 use crate::rig::RigClient;
-use crate::rig::trace::{Entry, Exchange};
+use crate::rig::trace::{Entry, Exchange, Step};
 
 /// Homing may end this far from where it ended before, in steps: switches scatter.
 const HOMING_STEPS: u32 = 16;
@@ -17,6 +17,10 @@ const HOMING_STEPS: u32 = 16;
 const SHUTTER_US: u32 = 10;
 /// The lamp's reading may differ by this part of the recorded one, and one count more.
 const REFERENCE_PART: f64 = 0.05;
+
+/// A step may come this much before or after the recorded one, counted from the first of its request, µs: what a controller makes
+/// late puts off what follows.
+const STEP_US: u32 = 1000;
 
 /// What was otherwise than recorded.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -32,6 +36,10 @@ pub struct Difference {
 pub struct Replay {
     /// Requests sent.
     pub requests: u64,
+    /// Steps compared, where the trace and the port tell them, and the largest difference of their times, µs.
+    pub steps: u64,
+    /// See [`Self::steps`].
+    pub most_us: u32,
     /// What was otherwise than recorded, in order.
     pub differences: Vec<Difference>,
 }
@@ -47,12 +55,24 @@ pub fn run(
     advance: impl Fn(),
 ) -> Result<Replay> {
     let mut replay = Replay::default();
+    let mut homing = false;
+    client.look_at_steps();
     for (line, entry) in trace {
         match entry {
             Entry::Trace(_) => {}
+            // Where a search ends depends on how the switch scatters.
+            Entry::Steps(recorded) => {
+                if let Some(now) = client.last_steps().filter(|_| !homing) {
+                    replay.steps += now.len() as u64;
+                    let differences = steps(recorded, now, &mut replay.most_us);
+                    let differences = differences.into_iter().map(|what| Difference { line: *line, what });
+                    replay.differences.extend(differences);
+                }
+            }
             Entry::PauseUs(us) => while client.listen(Duration::from_micros(*us))?.is_some() {},
             Entry::Exchange(exchange) => {
                 replay.requests += 1;
+                homing = is_homing(&exchange.command);
                 let now = client.ask(exchange.command)?;
                 let differences = differences(exchange, &now, exact);
                 replay.differences.extend(differences.into_iter().map(|what| Difference {
@@ -83,7 +103,7 @@ fn differences(recorded: &Exchange, now: &Outcome, exact: bool) -> Vec<String> {
         ) => return Vec::new(),
         _ => return whole(),
     };
-    let homing = matches!(recorded.command, Command::Home | Command::HomeRepeatedly { .. });
+    let homing = is_homing(&recorded.command);
     match (before, after) {
         (Answer::At(before), Answer::At(after)) if homing && near(before, after) => Vec::new(),
         (Answer::Homed(before), Answer::Homed(after))
@@ -96,6 +116,33 @@ fn differences(recorded: &Exchange, now: &Outcome, exact: bool) -> Vec<String> {
         (Answer::Status(before), Answer::Status(after)) => status(before, after),
         _ => whole(),
     }
+}
+
+fn is_homing(command: &Command) -> bool {
+    matches!(command, Command::Home | Command::HomeRepeatedly { .. } | Command::CheckIndex)
+}
+
+/// What of each axis's steps is otherwise than recorded; `most_us` is raised to the largest difference of times.
+fn steps(recorded: &[Step], now: &[Step], most_us: &mut u32) -> Vec<String> {
+    let mut differences = Vec::new();
+    for axis in Axis::ALL {
+        let of = |steps: &[Step]| -> Vec<Step> {
+            steps.iter().filter(|step| step.axis == axis).copied().collect()
+        };
+        let (before, after) = (of(recorded), of(now));
+        let up = |steps: &[Step]| steps.iter().map(|step| step.up).collect::<Vec<_>>();
+        if up(&before) != up(&after) {
+            let (was, is) = (before.len(), after.len());
+            differences.push(format!("{}: recorded {was} steps, now {is}, or not the same way", axis.name()));
+            continue;
+        }
+        let late = before.iter().zip(&after).map(|(before, after)| before.at_us.abs_diff(after.at_us)).max();
+        *most_us = late.unwrap_or(0).max(*most_us);
+        if let Some(late) = late.filter(|late| *late > STEP_US) {
+            differences.push(format!("{}: steps come up to {late} µs earlier or later", axis.name()));
+        }
+    }
+    differences
 }
 
 fn near(before: &[i32; 4], after: &[i32; 4]) -> bool {
@@ -182,6 +229,22 @@ mod tests {
         assert_eq!(compare(Command::Home, there, near), 0);
         assert_eq!(compare(Command::MoveTo([5, 6, 7, 8]), there, near), 1);
         assert_eq!(compare(Command::Home, there, Answer::At([5, 6, 70, 8])), 1);
+    }
+
+    #[test]
+    fn steps_are_compared_axis_by_axis_in_number_direction_and_time() {
+        let step = |axis, up, at_us| Step { axis, up, at_us };
+        let recorded = [step(Axis::Pan, true, 0), step(Axis::Roll, false, 50), step(Axis::Pan, true, 900)];
+        let with = |now: &[Step]| {
+            let mut most_us = 0;
+            (steps(&recorded, now, &mut most_us).len(), most_us)
+        };
+        assert_eq!(with(&recorded), (0, 0));
+        // Steps of two axes may change places.
+        assert_eq!(with(&[step(Axis::Roll, false, 0), step(Axis::Pan, true, 7), recorded[2]]), (0, 50));
+        assert_eq!(with(&recorded[..2]), (1, 0));
+        assert_eq!(with(&[recorded[0], step(Axis::Roll, true, 50), recorded[2]]), (1, 0));
+        assert_eq!(with(&[recorded[0], recorded[1], step(Axis::Pan, true, 1901)]), (1, 1001));
     }
 
     #[test]

@@ -1,11 +1,12 @@
-//! Traces: a session with a controller as JSON lines, a header and then each request with its outcome, and each pause.
+//! Traces: a session with a controller as JSON lines, a header and then each request with its outcome, and each pause. On demand, where
+//! a port can tell as under simulation and emulation, the steps that motors were given follow the request that caused them.
 
 use std::fs::File;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
-use lobelia_protocol::{Command, Outcome, schema};
+use lobelia_protocol::{Axis, Command, Outcome, schema};
 use serde::{Deserialize, Serialize};
 
 use crate::error::{Error, Result};
@@ -21,6 +22,20 @@ pub enum Entry {
     Exchange(Box<Exchange>),
     /// The host let time pass, µs.
     PauseUs(u64),
+    /// The steps that the last request caused, in order.
+    Steps(Vec<Step>),
+}
+
+/// A step of a motor.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Step {
+    /// Whose.
+    pub axis: Axis,
+    /// Whether the motor went up.
+    pub up: bool,
+    /// When, in µs of the controller's clock after the first step of its request.
+    pub at_us: u32,
 }
 
 /// Which protocol a trace was recorded with.
@@ -55,6 +70,7 @@ impl Header {
 pub struct Recorder {
     path: PathBuf,
     file: File,
+    steps: bool,
 }
 
 impl Recorder {
@@ -64,9 +80,23 @@ impl Recorder {
     /// When the file can't be written.
     pub fn create(path: &Path) -> Result<Self> {
         let file = File::create(path).map_err(|error| Error::writing(path, error))?;
-        let mut recorder = Self { path: path.to_path_buf(), file };
+        let mut recorder = Self { path: path.to_path_buf(), file, steps: false };
         recorder.write(&Entry::Trace(Header::current()))?;
         Ok(recorder)
+    }
+
+    /// Records steps too, where the port can tell them: some 40 bytes each.
+    pub fn with_steps(self) -> Self {
+        Self { steps: true, ..self }
+    }
+
+    /// Whether steps are recorded.
+    pub(crate) fn has_steps(&self) -> bool {
+        self.steps
+    }
+
+    pub(crate) fn steps(&mut self, steps: Vec<Step>) -> Result<()> {
+        if self.steps && !steps.is_empty() { self.write(&Entry::Steps(steps)) } else { Ok(()) }
     }
 
     pub(crate) fn exchange(&mut self, command: &Command, outcome: &Outcome) -> Result<()> {

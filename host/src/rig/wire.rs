@@ -8,6 +8,7 @@ use lobelia_protocol::{FrameDecoder, ToController, ToHost};
 
 use crate::error::{Error, Result};
 use crate::rig::port::Port;
+use crate::rig::trace::Step;
 
 /// After this many bytes without one packet among them the port counts as someone else's.
 const MOST_RUBBISH: usize = 1 << 18;
@@ -23,6 +24,11 @@ pub(crate) struct Wire {
 impl Wire {
     pub(crate) fn new(port: Box<dyn Port>) -> Self {
         Self { port, decoder: FrameDecoder::new(), inbox: VecDeque::new(), rubbish: 0 }
+    }
+
+    /// The steps made since this was last asked, if the port can tell.
+    pub(crate) fn steps(&mut self) -> Option<Vec<Step>> {
+        self.port.steps()
     }
 
     pub(crate) fn send(&mut self, packet: &ToController) -> Result<()> {

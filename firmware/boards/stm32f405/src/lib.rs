@@ -6,6 +6,8 @@
 
 #[path = "../../shared/crash.rs"]
 mod crash;
+#[cfg(not(feature = "qemu"))]
+mod drivers;
 #[cfg(feature = "qemu")]
 #[path = "../../shared/emulation.rs"]
 pub mod emulation;
@@ -157,11 +159,15 @@ pub fn set_up() -> Option<(Peripherals<Stm32f405>, Options<Stm32f405>)> {
     stop.make_interrupt_source(&mut syscfg);
     stop.trigger_on_edge(&mut exti, Edge::Rising);
     stop.enable_interrupt(&mut exti);
+    #[cfg(not(feature = "qemu"))]
+    let wire = device.USART3.serial((b.pb10, b.pb11), config, &mut rcc).ok().map(drivers::DriverWire)?;
     let options = Options {
         stall: [absent(c.pc8), absent(c.pc9), absent(c.pc10), absent(c.pc11)].map(Some),
         over_temperature: Some(absent(b.pb0)),
         emergency_stop: Some(&pins::EMERGENCY_STOP),
         crash: kept::take_crash().or(reset),
+        #[cfg(not(feature = "qemu"))]
+        drivers: cortex_m::singleton!(: drivers::DriverWire = wire).map(|wire| wire as _),
         #[cfg(not(feature = "qemu"))]
         storage: cortex_m::singleton!(: flash::FlashSlots = flash::FlashSlots(device.FLASH))
             .map(|slots| slots as _),

@@ -86,5 +86,8 @@ pub(super) fn replay(args: &ReplayArgs, context: &mut Context) -> Result<()> {
         )));
     }
     println!("{} requests, no difference", replayed.requests);
+    if replayed.steps > 0 {
+        println!("{} steps, times within {} µs", replayed.steps, replayed.most_us);
+    }
     Ok(())
 }

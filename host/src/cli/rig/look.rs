@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use std::time::Duration;
 
 use clap::Args;
-use lobelia_protocol::{Axis, AxisParameters};
+use lobelia_protocol::{Axis, AxisParameters, DriverParameters};
 
 use super::{Connection, Session};
 use crate::acquire::station;
@@ -164,6 +164,19 @@ const ROWS: [Row; 15] = [
     ("index_tolerance", "steps", |axis| axis.index_tolerance.into()),
 ];
 
+/// A driver's parameter: its name, its unit and its value.
+type DriverRow = (&'static str, &'static str, fn(&DriverParameters) -> u32);
+
+/// What the controller is told of drivers.
+const DRIVER_ROWS: [DriverRow; 6] = [
+    ("run", "mA", |driver| driver.run_ma.into()),
+    ("hold", "mA", |driver| driver.hold_ma.into()),
+    ("sense", "mOhm", |driver| driver.sense_mohm.into()),
+    ("microsteps", "", |driver| driver.microsteps.into()),
+    ("stall_threshold", "", |driver| driver.stall_threshold.into()),
+    ("stall_above", "steps/s", |driver| driver.stall_above_speed),
+];
+
 /// The parameters as a table, an axis a column.
 pub(super) fn table(config: &RigConfig) -> Result<String> {
     let configuration = config.configuration()?;
@@ -175,6 +188,15 @@ pub(super) fn table(config: &RigConfig) -> Result<String> {
         text += &format!("\n{name:<18}{unit:<10}");
         for axis in &configuration.axes {
             text += &format!("{:>10}", number(axis));
+        }
+    }
+    if configuration.axes.iter().any(|axis| axis.driver.is_some()) {
+        for (name, unit, number) in DRIVER_ROWS {
+            text += &format!("\n{name:<18}{unit:<10}");
+            for axis in &configuration.axes {
+                let number = axis.driver.as_ref().map_or("-".to_owned(), |driver| number(driver).to_string());
+                text += &format!("{number:>10}");
+            }
         }
     }
     let whole: [(&str, &str, String); 7] = [

@@ -69,6 +69,9 @@ struct Session {
     /// Writes every request and answer as JSON lines, for `lobelia rig replay`
     #[arg(long, value_name = "TRACE")]
     record: Option<PathBuf>,
+    /// Records each step too, where the port can tell (`sim`): some 40 bytes a step
+    #[arg(long, requires = "record")]
+    record_steps: bool,
 }
 
 /// Runs `lobelia rig`.
@@ -132,7 +135,8 @@ impl Session {
         let mut client = RigClient::connect(self.connection.open(&config)?)?;
         client.set_interrupt(station::interrupted);
         if let Some(path) = &self.record {
-            client.record(Recorder::create(path)?);
+            let recorder = Recorder::create(path)?;
+            client.record(if self.record_steps { recorder.with_steps() } else { recorder });
         }
         Ok((config, client))
     }

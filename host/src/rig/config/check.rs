@@ -3,7 +3,7 @@
 
 use std::ops::RangeInclusive;
 
-use super::{AXIS_NAMES, Axis, RigConfig};
+use super::{AXIS_NAMES, Axis, Driver, RigConfig};
 use crate::error::{Error, Result};
 
 /// Tags of the family 36h11 that are known: ids below this.
@@ -176,11 +176,25 @@ fn check_axis(axis: &Axis) -> std::result::Result<(), (&'static str, String)> {
     for (key, value, range) in numbers {
         in_range(value, &range).map_err(|why| (key, why))?;
     }
+    axis.driver.as_ref().map_or(Ok(()), check_driver)?;
     let turn = 360.0 / axis.degrees_per_step;
     if axis.full_turn && (turn - turn.round()).abs() > 1e-6 {
         return Err(("full_turn", format!("is true, but a turn is {turn} steps, which is no whole number")));
     }
     Ok(())
+}
+
+/// A driver over a wire; the controller knows which currents it can make.
+fn check_driver(driver: &Driver) -> std::result::Result<(), (&'static str, String)> {
+    if !driver.microsteps.is_power_of_two() || driver.microsteps > 256 {
+        let why = format!("is {}, must be a power of two up to 256", driver.microsteps);
+        return Err(("driver.microsteps", why));
+    }
+    if driver.hold_ma > driver.run_ma {
+        return Err(("driver.hold_ma", format!("is above run_ma, {}", driver.run_ma)));
+    }
+    in_range(f64::from(driver.sense_mohm), &(10.0..=1000.0)).map_err(|why| ("driver.sense_mohm", why))?;
+    in_range(driver.stall_above_deg_s, &(0.0..=1e4)).map_err(|why| ("driver.stall_above_deg_s", why))
 }
 
 #[cfg(test)]
@@ -239,6 +253,33 @@ mod tests {
                 assert!(number.is_finite() || config.validate().is_err(), "{key} = {number}");
             }
         }
+    }
+
+    #[test]
+    fn driver_is_optional_and_its_numbers_are_checked() {
+        let refused = |change: fn(&mut Driver)| {
+            let mut config = RigConfig::default();
+            let mut driver = Driver::default();
+            change(&mut driver);
+            config.axes.tilt.driver = Some(driver);
+            config.validate().map_err(|error| error.to_string())
+        };
+        assert_eq!(refused(|_| {}), Ok(()));
+        assert!(
+            refused(|driver| driver.microsteps = 12).unwrap_err().contains("axes.tilt.driver.microsteps")
+        );
+        assert!(refused(|driver| driver.hold_ma = 900).unwrap_err().contains("hold_ma"));
+        assert!(refused(|driver| driver.stall_above_deg_s = -1.0).unwrap_err().contains("stall_above_deg_s"));
+        let text = toml::to_string(&RigConfig::default()).unwrap();
+        assert!(!text.contains("driver"));
+        let config: RigConfig =
+            toml::from_str(&text.replace("[axes.roll]", "[axes.pan.driver]\nrun_ma = 500\n\n[axes.roll]"))
+                .unwrap();
+        let axes = config.configuration().unwrap().axes;
+        let driver = axes[0].driver.unwrap();
+        // 5°/s in steps of 0.0129°.
+        assert_eq!((driver.run_ma, driver.hold_ma, driver.stall_above_speed), (500, 400, 388));
+        assert_eq!(axes[1].driver, None);
     }
 
     #[test]
