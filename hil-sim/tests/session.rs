@@ -22,10 +22,11 @@ impl Host {
     fn ask(&mut self, command: Command) -> Outcome {
         let id = self.next_id;
         self.next_id += 1;
-        self.send(&ToController::Request(Request { session: 1, id, command }));
+        self.send(&ToController::Request(Request { session: 1, id, seen: id - 1, command }));
         loop {
             if let ToHost::Response(response) = self.receive()
                 && response.id == id
+                && response.outcome != Outcome::Running
             {
                 return response.outcome;
             }
@@ -56,9 +57,8 @@ fn start(config: &MechanicsConfig) -> (SimulatedRig, Host) {
     let mut host = Host { link: rig.link(), decoder: FrameDecoder::new(), next_id: 1 };
     host.send(&ToController::Hello(Hello::new(1)));
     host.receive();
-    for command in
-        [Command::Configure(config.configuration()), Command::Home, Command::Lamp { on: true, level: 65535 }]
-    {
+    let rest = [Command::Home, Command::Lamp { on: true, level: 65535 }];
+    for command in config.configuration().commands().into_iter().chain(rest) {
         assert!(matches!(host.ask(command), Outcome::Done(_)));
     }
     (rig, host)
@@ -130,7 +130,9 @@ fn backlash_shows_when_the_take_up_is_shorter() {
     let mut configuration = config.configuration();
     configuration.axes[0].take_up_steps = 0;
     let (rig, mut host) = start(&config);
-    host.ask(Command::Configure(configuration));
+    for command in configuration.commands() {
+        host.ask(command);
+    }
     host.ask(Command::Home);
     let pan_deg = |host: &mut Host, steps| {
         host.ask(Command::MoveTo([steps, 0, 0, 20_000]));

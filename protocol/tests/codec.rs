@@ -2,9 +2,10 @@
 
 use lobelia_protocol::frame::{self, MAX_PAYLOAD};
 use lobelia_protocol::{
-    Answer, Axis, AxisParameters, Command, Configuration, CrashCause, CrashRecord, Event, Exposure, Fault,
-    FaultReport, Faults, Field, FrameDecoder, FrameError, Hello, HelloReply, HomeDirection, HomingReport,
-    LampStatus, Outcome, Refusal, Request, Response, Status, ToController, ToHost, Verdict, schema,
+    Answer, Axis, AxisParameters, Command, CrashCause, CrashRecord, Event, Exposure, Fault, FaultReport,
+    Faults, Field, FrameDecoder, FrameError, Happening, Hello, HelloReply, HomeDirection, HomingReport,
+    LampStatus, LogLine, Outcome, Refusal, Request, Response, Settings, Status, Telemetry, ToController,
+    ToHost, Verdict, schema,
 };
 use proptest::collection::vec;
 use proptest::prelude::*;
@@ -20,6 +21,16 @@ fn payloads(bytes: &[u8]) -> Vec<Result<Vec<u8>, FrameError>> {
     }
     found
 }
+
+const SETTINGS: Settings = Settings {
+    lamp_warm_up_s: 900,
+    lamp_least_reading: 300,
+    lease_ms: 2000,
+    lamp_lease_ms: 60_000,
+    lamp_safe_level: 9000,
+    camera_wait_ms: 2000,
+    coordinated: true,
+};
 
 fn axis_parameters(base: i32) -> AxisParameters {
     AxisParameters {
@@ -45,16 +56,7 @@ fn axis_parameters(base: i32) -> AxisParameters {
 /// One sample of each command.
 fn commands() -> Vec<Command> {
     vec![
-        Command::Configure(Configuration {
-            axes: [0, 1, -2, i32::MAX - 100_000].map(axis_parameters),
-            lamp_warm_up_s: 900,
-            lamp_least_reading: 300,
-            lease_ms: 2000,
-            lamp_lease_ms: 60_000,
-            lamp_safe_level: 9000,
-            camera_wait_ms: 2000,
-            coordinated: true,
-        }),
+        Command::Configure(SETTINGS),
         Command::Home,
         Command::MoveTo([0, -1, i32::MIN, i32::MAX]),
         Command::Stop,
@@ -66,6 +68,10 @@ fn commands() -> Vec<Command> {
         Command::HomeRepeatedly { approaches: 5 },
         Command::CheckIndex,
         Command::SaveParameters,
+        Command::PrepareAxis { axis: Axis::Roll, parameters: axis_parameters(-2) },
+        Command::ReadAxis(Axis::Light),
+        Command::ReadSettings,
+        Command::Watch { telemetry_ms: 100, log: true },
     ]
 }
 
@@ -77,6 +83,7 @@ fn status() -> Status {
         at_switch: [true, true, false, false],
         configured: true,
         busy: false,
+        waiting: 3,
         lamp: LampStatus { on: true, level: 65535, warm: false, remaining_s: 65535 },
         faults: Fault::ALL.into_iter().collect(),
         emergency_stop: true,
@@ -99,6 +106,8 @@ fn outcomes() -> Vec<Outcome> {
         Answer::Status(status()),
         Answer::Homed(HomingReport { positions: [1, 2, 3, 4], spread_steps: [0, 1, 2, 3], approaches: 5 }),
         Answer::Checked([0, 1, -1, 900]),
+        Answer::Axis(axis_parameters(i32::MAX - 100_000)),
+        Answer::Settings(SETTINGS),
     ]
     .map(Outcome::Done)
     .to_vec();
@@ -119,6 +128,7 @@ fn outcomes() -> Vec<Outcome> {
             Refusal::ShutterLate { late_us: 12 },
             Refusal::OutOfWindow,
             Refusal::NoStorage,
+            Refusal::Skipped { after: 5 },
         ]
         .map(Outcome::Refused),
     );
@@ -127,9 +137,9 @@ fn outcomes() -> Vec<Outcome> {
 }
 
 fn to_controller() -> Vec<ToController> {
-    let requests = commands()
-        .into_iter()
-        .map(|command| ToController::Request(Request { session: u32::MAX, id: u32::MAX, command }));
+    let requests = commands().into_iter().map(|command| {
+        ToController::Request(Request { session: u32::MAX, id: u32::MAX, seen: u32::MAX - 1, command })
+    });
     std::iter::once(ToController::Hello(Hello::new(7))).chain(requests).collect()
 }
 
@@ -139,14 +149,28 @@ fn to_host() -> Vec<ToHost> {
         .map(|outcome| ToHost::Response(Response { session: u32::MAX, id: u32::MAX, outcome }));
     let fault = FaultReport { fault: Fault::HomingFailed, axis: Some(Axis::Light), at_us: u64::MAX };
     let crash = CrashRecord { cause: CrashCause::Watchdog, place: 77 };
-    [
-        ToHost::Hello(Hello::new(7).reply()),
-        ToHost::Event(Event::Fault(fault)),
-        ToHost::Event(Event::Crashed(crash)),
+    let telemetry = Telemetry {
+        at_us: u64::MAX,
+        positions: [i32::MIN; 4],
+        photodiode: Some(4095),
+        frames: u32::MAX,
+        bad_frames: u32::MAX,
+        dropped: u32::MAX,
+    };
+    let log = [
+        Happening::Began { id: 7 },
+        Happening::Ended { id: 7, done: true },
+        Happening::Lamp { on: true, level: 65535 },
+        Happening::FaultsCleared,
+        Happening::BadFrames { count: 300 },
+        Happening::Dropped { count: 12 },
     ]
-    .into_iter()
-    .chain(responses)
-    .collect()
+    .map(|what| Event::Log(LogLine { at_us: 1_000_000, what }));
+    let events = [Event::Fault(fault), Event::Crashed(crash), Event::Telemetry(telemetry)];
+    std::iter::once(ToHost::Hello(Hello::new(7).reply()))
+        .chain(events.into_iter().chain(log).map(ToHost::Event))
+        .chain(responses)
+        .collect()
 }
 
 #[test]
@@ -175,7 +199,7 @@ fn bytes_of_messages_change_only_together_with_the_schema_identity() {
     let pinned = (schema::VERSION, schema::IDENTITY, schema::identity(0, &bytes));
     assert_eq!(
         pinned,
-        (2, 16_659_785_821_898_396_137, 6_223_815_578_139_945_509),
+        (3, 8_075_454_497_682_040_889, 6_947_572_830_510_960_165),
         "raise schema::VERSION, describe the change in schema::TEXT, then pin"
     );
 }
@@ -219,7 +243,7 @@ fn too_long_a_payload_is_refused_and_too_long_a_frame_reported() {
 
 #[test]
 fn message_with_bytes_left_over_is_refused() {
-    let message = ToController::Request(Request { session: 1, id: 2, command: Command::Stop });
+    let message = ToController::Request(Request { session: 1, id: 2, seen: 1, command: Command::Stop });
     let mut payload = payloads(&message.encode().unwrap()).remove(0).unwrap();
     payload.push(0);
     assert!(ToController::decode(&payload).is_err());
@@ -235,7 +259,7 @@ proptest! {
 
     #[test]
     fn any_request_survives(session in any::<u32>(), id in any::<u32>(), steps in any::<[i32; 4]>()) {
-        let message = ToController::Request(Request { session, id, command: Command::MoveTo(steps) });
+        let message = ToController::Request(Request { session, id, seen: !id, command: Command::MoveTo(steps) });
         let payload = payloads(&message.encode().unwrap()).remove(0).unwrap();
         prop_assert_eq!(ToController::decode(&payload), Ok(message));
     }

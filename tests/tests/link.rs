@@ -76,7 +76,7 @@ fn a_run_over_tcp_photographs_every_pose_of_the_plan_once() {
 fn a_line_that_spoils_bytes_costs_time_and_never_makes_a_wrong_move() {
     let (folder, rig, plan) = inputs(5);
     let served = ServedRig::start(&rig, &folder.path().join("photos"));
-    let rates = FaultRates { lost: 1e-3, flipped: 2e-3, doubled: 1e-3 };
+    let rates = FaultRates { lost: 1e-3, flipped: 2e-3, doubled: 1e-3, ..Default::default() };
     let line = tcp::bad_line(served.address, rates, 3);
     let said = acquire(folder.path(), &tcp::port(line), &NEW_RUN);
     assert_eq!(said.code, Some(0), "{said:?}");
@@ -89,7 +89,7 @@ fn a_line_that_spoils_bytes_costs_time_and_never_makes_a_wrong_move() {
 fn a_line_on_which_nothing_gets_through_is_a_failure_and_nothing_moves() {
     let (folder, rig, _) = inputs(2);
     let served = ServedRig::start(&rig, &folder.path().join("photos"));
-    let rates = FaultRates { lost: 0.2, flipped: 0.4, doubled: 0.2 };
+    let rates = FaultRates { lost: 0.2, flipped: 0.4, doubled: 0.2, ..Default::default() };
     let line = tcp::bad_line(served.address, rates, 5);
     let before = folder::listing(folder.path());
     acquire(folder.path(), &tcp::port(line), &NEW_RUN).refuses(1, &["does not answer", "--resume"]);

@@ -4,7 +4,7 @@
 #![allow(clippy::unwrap_used, reason = "helpers of tests are tests")]
 
 use lobelia::rig::RigClient;
-use lobelia_protocol::{AxisParameters, Configuration, HomeDirection};
+use lobelia_protocol::{AxisParameters, Configuration, HomeDirection, Settings};
 use lobelia_tests::qemu::{Machine, Qemu, program};
 
 const LM3S6965: Machine = Machine { board: "lm3s6965", machine: "lm3s6965evb", ports_before: 0, shift: 5 };
@@ -36,13 +36,15 @@ fn configuration() -> Configuration {
     // Without leases: emulated time runs as fast as it can, whatever the host does meanwhile.
     Configuration {
         axes,
-        lamp_warm_up_s: 1,
-        lamp_least_reading: 0,
-        lease_ms: 0,
-        lamp_lease_ms: 0,
-        lamp_safe_level: 0,
-        camera_wait_ms: 0,
-        coordinated: true,
+        settings: Settings {
+            lamp_warm_up_s: 1,
+            lamp_least_reading: 0,
+            lease_ms: 0,
+            lamp_lease_ms: 0,
+            lamp_safe_level: 0,
+            camera_wait_ms: 0,
+            coordinated: true,
+        },
     }
 }
 

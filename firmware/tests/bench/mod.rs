@@ -16,7 +16,7 @@ use lobelia_firmware::storage::Storage;
 use lobelia_firmware::{AnalogInput, AxisPins, Board, ByteLink, Controller, Options, Peripherals, Watchdog};
 use lobelia_protocol::{
     AxisParameters, Command, Configuration, CrashCause, CrashRecord, FrameDecoder, Hello, HomeDirection,
-    Outcome, Refusal, Request, Response, ToController, ToHost,
+    Outcome, Refusal, Request, Response, Settings, ToController, ToHost,
 };
 
 /// Where the home switch closes, in motor steps from where the rig was switched on.
@@ -256,9 +256,9 @@ impl Rig {
     /// With a session, and configured.
     pub(crate) fn greeted(configuration: Configuration) -> Self {
         let mut rig = Self::new();
-        rig.send(&ToController::Hello(Hello::new(SESSION)));
-        rig.received();
-        assert!(matches!(rig.ask(Command::Configure(configuration)), Outcome::Done(_)));
+        rig.open(SESSION);
+        assert!(matches!(rig.configure(configuration), Outcome::Done(_)));
+        rig.reopen();
         rig
     }
 
@@ -266,12 +266,30 @@ impl Rig {
     pub(crate) fn homed() -> Self {
         let mut rig = Self::greeted(configuration());
         assert!(matches!(rig.ask(Command::Home), Outcome::Done(_)));
+        rig.reopen();
         rig.bench.borrow_mut().steps = Default::default();
         rig
     }
 
+    fn open(&mut self, session: u32) {
+        self.send(&ToController::Hello(Hello::new(session)));
+        self.received();
+        self.next_id = 1;
+    }
+
+    /// Opens the session anew, so that a test's first request bears the id 1.
+    fn reopen(&mut self) {
+        self.open(!SESSION);
+        self.open(SESSION);
+    }
+
     pub(crate) fn send(&mut self, packet: &ToController) {
         self.bench.borrow_mut().to_controller.extend(packet.encode().unwrap());
+        self.poll();
+    }
+
+    pub(crate) fn send_bytes(&mut self, bytes: &[u8]) {
+        self.bench.borrow_mut().to_controller.extend(bytes);
         self.poll();
     }
 
@@ -284,8 +302,15 @@ impl Rig {
     pub(crate) fn begin(&mut self, command: Command) -> u32 {
         let id = self.next_id;
         self.next_id += 1;
-        self.send(&ToController::Request(Request { session: SESSION, id, command }));
+        self.send(&ToController::Request(Request { session: SESSION, id, seen: id - 1, command }));
         id
+    }
+
+    /// Sets all parameters; gives the first refusal, or the last answer.
+    pub(crate) fn configure(&mut self, configuration: Configuration) -> Outcome {
+        let outcomes = configuration.commands().map(|command| self.ask(command));
+        let refused = |outcome: &Outcome| matches!(outcome, Outcome::Refused(_));
+        outcomes.into_iter().find(refused).unwrap_or(outcomes[4])
     }
 
     /// Sends a command and lets time pass until it is answered.
@@ -300,6 +325,7 @@ impl Rig {
             for packet in self.received() {
                 if let ToHost::Response(Response { id: answered, outcome, .. }) = packet
                     && answered == id
+                    && outcome != Outcome::Running
                 {
                     return outcome;
                 }
@@ -311,7 +337,9 @@ impl Rig {
     /// The outcome of a request, if it has come by now.
     pub(crate) fn answered(&mut self, id: u32) -> Option<Outcome> {
         self.received().into_iter().find_map(|packet| match packet {
-            ToHost::Response(response) if response.id == id => Some(response.outcome),
+            ToHost::Response(response) if response.id == id && response.outcome != Outcome::Running => {
+                Some(response.outcome)
+            }
             _ => None,
         })
     }
@@ -386,12 +414,14 @@ pub(crate) fn configuration() -> Configuration {
     };
     Configuration {
         axes: [axis(2000, 4000), axis(1000, 20_000), axis(300, 100), axis(20_000, 50_000)],
-        lamp_warm_up_s: 10,
-        lamp_least_reading: 300,
-        lease_ms: 0,
-        lamp_lease_ms: 0,
-        lamp_safe_level: 0,
-        camera_wait_ms: 50,
-        coordinated: true,
+        settings: Settings {
+            lamp_warm_up_s: 10,
+            lamp_least_reading: 300,
+            lease_ms: 0,
+            lamp_lease_ms: 0,
+            lamp_safe_level: 0,
+            camera_wait_ms: 50,
+            coordinated: true,
+        },
     }
 }

@@ -2,7 +2,7 @@
 //!
 //! Lengths in mm, angles in degrees, times in seconds, as the key names say.
 
-use lobelia_protocol::{AxisParameters, Configuration, HomeDirection};
+use lobelia_protocol::{AxisParameters, Configuration, HomeDirection, Settings};
 use serde::{Deserialize, Serialize};
 
 mod check;
@@ -448,14 +448,16 @@ impl RigConfig {
         let axes = axes.try_into().map_err(|_| crate::Error::input("rig.toml: there must be four axes"))?;
         Ok(Configuration {
             axes,
-            lamp_warm_up_s,
-            // A tenth of what the lamp should give.
-            lamp_least_reading: (self.lamp.reference_reading / 10.0) as u16,
-            lease_ms: milliseconds(self.motion.lease_s),
-            lamp_lease_ms: milliseconds(self.lamp.lease_s),
-            lamp_safe_level: (self.lamp.safe_level.clamp(0.0, 1.0) * 65535.0).round() as u16,
-            camera_wait_ms: 2000,
-            coordinated: self.motion.coordinated,
+            settings: Settings {
+                lamp_warm_up_s,
+                // A tenth of what the lamp should give.
+                lamp_least_reading: (self.lamp.reference_reading / 10.0) as u16,
+                lease_ms: milliseconds(self.motion.lease_s),
+                lamp_lease_ms: milliseconds(self.lamp.lease_s),
+                lamp_safe_level: (self.lamp.safe_level.clamp(0.0, 1.0) * 65535.0).round() as u16,
+                camera_wait_ms: 2000,
+                coordinated: self.motion.coordinated,
+            },
         })
     }
 }

@@ -15,6 +15,11 @@ const BAUD: u32 = 115_200;
 pub trait Port: Read + Write + Send {
     /// How long a read waits for a byte.
     fn set_read_timeout(&mut self, timeout: Duration) -> io::Result<()>;
+
+    /// Whether the controller's clock goes on while nobody reads; not so on a virtual clock.
+    fn is_real_time(&self) -> bool {
+        true
+    }
 }
 
 impl Port for Box<dyn SerialPort> {
@@ -35,12 +40,20 @@ impl Port for lobelia_hil_sim::SimulatedLink {
         self.set_timeout(timeout);
         Ok(())
     }
+
+    fn is_real_time(&self) -> bool {
+        false
+    }
 }
 
 #[cfg(feature = "sim")]
 impl<P: Port> Port for lobelia_hil_sim::FaultyLink<P> {
     fn set_read_timeout(&mut self, timeout: Duration) -> io::Result<()> {
         self.inner_mut().set_read_timeout(timeout)
+    }
+
+    fn is_real_time(&self) -> bool {
+        self.inner().is_real_time()
     }
 }
 

@@ -38,6 +38,9 @@ pub(super) struct MonitorArgs {
     /// Ends after so many seconds of the controller's time; without it, at Ctrl-C
     #[arg(long, value_name = "S")]
     for_s: Option<f64>,
+    /// Tells positions, photodiode and how many frames came damaged, every so many seconds, 0.02 at least
+    #[arg(long, value_name = "S")]
+    telemetry_s: Option<f64>,
 }
 
 /// Arguments of `lobelia rig params`.
@@ -57,9 +60,13 @@ pub(super) struct ParamsArgs {
 /// When watching ends, by the controller's clock.
 fn end_us(client: &mut RigClient, for_s: Option<f64>) -> Result<u64> {
     let Some(seconds) = for_s else { return Ok(u64::MAX) };
-    let time = Duration::try_from_secs_f64(seconds)
-        .map_err(|error| Error::input(format!("--for-s {seconds}: {error}")))?;
+    let time = self::seconds(seconds)?;
     Ok(client.status()?.uptime_us.saturating_add(time.as_micros() as u64))
+}
+
+/// A time from the command line.
+fn seconds(seconds: f64) -> Result<Duration> {
+    Duration::try_from_secs_f64(seconds).map_err(|error| Error::input(format!("{seconds} s: {error}")))
 }
 
 /// Runs `lobelia rig status`.
@@ -98,12 +105,14 @@ pub(super) fn status(args: &StatusArgs, context: &mut Context) -> Result<()> {
 pub(super) fn monitor(args: &MonitorArgs, context: &mut Context) -> Result<()> {
     let (config, mut client) = args.session.connect(context)?;
     let end_us = end_us(&mut client, args.for_s)?;
+    let telemetry = args.telemetry_s.map(seconds).transpose()?;
+    client.watch(telemetry, true)?;
     let mut before = client.status()?;
     let mut events = 0_u64;
     println!("{}", monitor::line(before.uptime_us, "connected"));
     while before.uptime_us < end_us && !station::interrupted() {
         while let Some(event) = client.listen(LOOK)? {
-            println!("{}", monitor::event(&event, before.uptime_us));
+            println!("{}", monitor::event(&event, before.uptime_us, &config));
             events += 1;
         }
         if args.for_s.is_none() {
@@ -167,6 +176,7 @@ const ROWS: [Row; 15] = [
 /// The parameters as a table, an axis a column.
 pub(super) fn table(config: &RigConfig) -> Result<String> {
     let configuration = config.configuration()?;
+    let settings = configuration.settings;
     let mut text = format!("{:<18}{:<10}", "parameter", "unit");
     for axis in Axis::ALL {
         text += &format!("{:>10}", axis.name());
@@ -178,13 +188,13 @@ pub(super) fn table(config: &RigConfig) -> Result<String> {
         }
     }
     let whole: [(&str, &str, String); 7] = [
-        ("lamp_warm_up", "s", configuration.lamp_warm_up_s.to_string()),
-        ("lamp_least_reading", "counts", configuration.lamp_least_reading.to_string()),
-        ("lease", "ms", configuration.lease_ms.to_string()),
-        ("lamp_lease", "ms", configuration.lamp_lease_ms.to_string()),
-        ("lamp_safe_level", "of 65535", configuration.lamp_safe_level.to_string()),
-        ("camera_wait", "ms", configuration.camera_wait_ms.to_string()),
-        ("coordinated", "", configuration.coordinated.to_string()),
+        ("lamp_warm_up", "s", settings.lamp_warm_up_s.to_string()),
+        ("lamp_least_reading", "counts", settings.lamp_least_reading.to_string()),
+        ("lease", "ms", settings.lease_ms.to_string()),
+        ("lamp_lease", "ms", settings.lamp_lease_ms.to_string()),
+        ("lamp_safe_level", "of 65535", settings.lamp_safe_level.to_string()),
+        ("camera_wait", "ms", settings.camera_wait_ms.to_string()),
+        ("coordinated", "", settings.coordinated.to_string()),
     ];
     for (name, unit, value) in whole {
         text += &format!("\n{name:<19}{unit:<9}{value:>10}");
