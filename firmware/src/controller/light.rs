@@ -25,7 +25,7 @@ impl<B: Board> Controller<B> {
             return Err(Refusal::LampNotWarm { remaining_s: lamp.on.then_some(lamp.remaining_s) }.into());
         }
         let wait_ms = self.configuration.map_or(0, |configuration| configuration.settings.camera_wait_ms);
-        let until_us = now_us + u64::from(wait_ms) * 1000;
+        let until_us = now_us.max(self.shutter.rested_us()) + u64::from(wait_ms) * 1000;
         let task = self.open_when_ready(now_us, (until_us, duration_us, warm_lamp))?;
         Ok(task.ok_or(Refusal::CameraNotReady)?)
     }
@@ -36,6 +36,10 @@ impl<B: Board> Controller<B> {
         now_us: u64,
         (until_us, duration_us, warm_lamp): (u64, u32, bool),
     ) -> Result<Option<Task>, PinFailure> {
+        let look_us = self.shutter.rested_us();
+        if now_us < look_us {
+            return Ok(Some(Task::AwaitCamera { look_us, until_us, duration_us, warm_lamp }));
+        }
         let ready = self.options.camera_ready.as_mut().map_or(Ok(true), is_high)?;
         if ready {
             self.shutter.open(now_us, duration_us)?;

@@ -35,7 +35,9 @@ impl<B: Board> Controller<B> {
         let pending = |id| running == Some(id) || self.waiting.iter().any(|waiting| waiting.id == id);
         match self.link.admit(request, !self.waiting.is_full(), pending) {
             Admission::Answer(outcome) => self.send(request, outcome),
-            Admission::Take if request.command.waits() && self.running.is_some() => {
+            Admission::Take
+                if request.command.waits() && (self.running.is_some() || !self.waiting.is_empty()) =>
+            {
                 // There is room, or it would not have been taken.
                 let _ = self.waiting.push_back(*request);
                 self.send(request, Outcome::Running);
