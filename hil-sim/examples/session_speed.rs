@@ -18,7 +18,10 @@ fn main() -> std::io::Result<()> {
     let mut link = rig.link();
     let began = Instant::now();
     exchange(&mut link, &ToController::Hello(Hello::new(1)))?;
-    let mut commands = config.configuration().commands().to_vec();
+    // This host asks nothing while it waits for an answer.
+    let mut configuration = config.configuration();
+    (configuration.settings.lease_ms, configuration.settings.lamp_lease_ms) = (0, 0);
+    let mut commands = configuration.commands().to_vec();
     commands.push(Command::Home);
     for pose in 0..POSES {
         // Golden-ratio sequences fill 90° on each axis.

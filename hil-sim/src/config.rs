@@ -121,9 +121,8 @@ impl MechanicsConfig {
             settings: Settings {
                 lamp_warm_up_s: self.lamp.warm_up_s,
                 lamp_least_reading: (self.lamp.photodiode_counts / 10.0) as u16,
-                // A simulated host may take its time.
-                lease_ms: 0,
-                lamp_lease_ms: 0,
+                lease_ms: 2000,
+                lamp_lease_ms: 2000,
                 lamp_safe_level: 0,
                 camera_wait_ms: 2000,
                 coordinated: true,

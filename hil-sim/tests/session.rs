@@ -57,8 +57,11 @@ fn start(config: &MechanicsConfig) -> (SimulatedRig, Host) {
     let mut host = Host { link: rig.link(), decoder: FrameDecoder::new(), next_id: 1 };
     host.send(&ToController::Hello(Hello::new(1)));
     host.receive();
+    // This host asks nothing while it waits for an answer.
+    let mut configuration = config.configuration();
+    (configuration.settings.lease_ms, configuration.settings.lamp_lease_ms) = (0, 0);
     let rest = [Command::Home, Command::Lamp { on: true, level: 65535 }];
-    for command in config.configuration().commands().into_iter().chain(rest) {
+    for command in configuration.commands().into_iter().chain(rest) {
         assert!(matches!(host.ask(command), Outcome::Done(_)));
     }
     (rig, host)
@@ -129,6 +132,7 @@ fn backlash_shows_when_the_take_up_is_shorter() {
     config.pan.backlash_deg = 0.5;
     let mut configuration = config.configuration();
     configuration.axes[0].take_up_steps = 0;
+    (configuration.settings.lease_ms, configuration.settings.lamp_lease_ms) = (0, 0);
     let (rig, mut host) = start(&config);
     for command in configuration.commands() {
         host.ask(command);

@@ -114,7 +114,7 @@ fn tables() -> String {
     let mut text = String::new();
     let mut table = |title: &str, rates: &[f64], faults: fn(f64) -> FaultRates| {
         let _ = write!(text, "\n| {title} |");
-        BAUDS.iter().for_each(|baud| drop(write!(text, " {baud} baud |")));
+        text += &BAUDS.map(|baud| format!(" {baud} baud |")).concat();
         text.push_str("\n|---|---|---|---|\n");
         for (seed, &rate) in (1..).zip(rates) {
             row(&mut text, &format!("{} %", (rate * 1000.0).round() / 10.0), faults(rate), seed);

@@ -17,6 +17,7 @@ use lobelia_protocol::{
 use crate::error::{Error, Result};
 use crate::rig::explain;
 use crate::rig::keep_alive::{self, KeepAlive};
+use crate::rig::monitor;
 use crate::rig::port::Port;
 use crate::rig::trace::Recorder;
 use crate::rig::wire::Wire;
@@ -72,7 +73,7 @@ impl RigClient {
         for repetition in 0..REPETITIONS {
             client.repetitions += u64::from(repetition > 0);
             client.wire().send(&ToController::Hello(hello))?;
-            let mut patience = Patience::default();
+            let mut patience = Patience::of(PATIENCE);
             while let Some(packet) = client.receive_patiently(&mut patience)? {
                 let ToHost::Hello(reply) = packet else { continue };
                 if reply.hello.session != hello.session {
@@ -248,9 +249,13 @@ impl RigClient {
             let part = left.min(keep_alive::PERIOD);
             left -= part;
             self.note_pause(part)?;
+            let mut patience = Patience::of(part);
             while let Some(packet) = self.receive(part)? {
                 if let ToHost::Event(Event::Fault(report)) = packet {
                     return Err(Error::failure(explain::fault_report(&report)));
+                }
+                if patience.is_over(&packet) {
+                    break;
                 }
             }
             if !left.is_zero() {
@@ -310,7 +315,7 @@ impl RigClient {
             self.repetitions += u64::from(unheard);
             unheard = true;
             silence += 1;
-            let mut patience = Patience::default();
+            let mut patience = Patience::of(PATIENCE);
             while let Some(received) = self.receive_patiently(&mut patience)? {
                 silence = 0;
                 let ToHost::Response(response) = received else { continue };
@@ -375,21 +380,22 @@ impl RigClient {
     }
 }
 
-/// Tells when events have come for so long that an answer should have come too.
-#[derive(Default)]
+/// Tells by the events that come that a time is over, since while they come no wait for a packet ends.
 struct Patience {
+    limit: Duration,
     /// Controller's time of the first event.
     since_us: Option<u64>,
 }
 
 impl Patience {
+    fn of(limit: Duration) -> Self {
+        Self { limit, since_us: None }
+    }
+
     fn is_over(&mut self, packet: &ToHost) -> bool {
-        let at_us = match packet {
-            ToHost::Event(Event::Telemetry(telemetry)) => telemetry.at_us,
-            ToHost::Event(Event::Log(line)) => line.at_us,
-            _ => return false,
-        };
-        at_us.saturating_sub(*self.since_us.get_or_insert(at_us)) > PATIENCE.as_micros() as u64
+        let ToHost::Event(event) = packet else { return false };
+        let Some(at_us) = monitor::time_us(event) else { return false };
+        at_us.saturating_sub(*self.since_us.get_or_insert(at_us)) > self.limit.as_micros() as u64
     }
 }
 

@@ -264,8 +264,8 @@ pub struct Lamp {
     pub reference_reading: f64,
     /// Time after switching on before it may be used.
     pub warm_up_s: f64,
-    /// The controller puts the lamp to its safe level when it hears nothing for this long; 0 for never. Longer than a camera
-    /// takes to hand over a photograph, during which nothing is asked of the controller.
+    /// The controller puts the lamp to its safe level when it hears nothing for this long; 0 for never. While a program of ours
+    /// holds the port, it is heard from every half second, whatever else it does.
     pub lease_s: f64,
     /// The lamp's level then, 0 to 1; at 0 it is switched off.
     pub safe_level: f64,
@@ -278,7 +278,7 @@ impl Default for Lamp {
             radiance: [1000.0, 1000.0, 1000.0],
             reference_reading: 3000.0,
             warm_up_s: 900.0,
-            lease_s: 60.0,
+            lease_s: 2.0,
             safe_level: 0.0,
         }
     }

@@ -11,6 +11,16 @@ pub fn line(time_us: u64, what: &str) -> String {
     format!("{:>14.6} s  {what}", time_us as f64 / 1e6)
 }
 
+/// When an event was told, in the controller's time in µs, if it says so.
+pub fn time_us(event: &Event) -> Option<u64> {
+    match event {
+        Event::Fault(report) => Some(report.at_us),
+        Event::Telemetry(telemetry) => Some(telemetry.at_us),
+        Event::Log(line) => Some(line.at_us),
+        Event::Crashed(_) => None,
+    }
+}
+
 /// The line of an event that came when the controller's clock was about `now_us`.
 pub fn event(event: &Event, now_us: u64, config: &RigConfig) -> String {
     let report = match event {

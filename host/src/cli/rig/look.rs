@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use std::time::Duration;
 
 use clap::Args;
-use lobelia_protocol::{Axis, AxisParameters};
+use lobelia_protocol::{Axis, AxisParameters, Configuration, Settings};
 
 use super::{Connection, Session};
 use crate::acquire::station;
@@ -46,7 +46,7 @@ pub(super) struct MonitorArgs {
 /// Arguments of `lobelia rig params`.
 #[derive(Debug, Args)]
 pub(super) struct ParamsArgs {
-    /// The controller, to ask whether it takes them: sim, /dev/ttyACM0 or tcp://host:port
+    /// The controller, to read back what it has: sim, /dev/ttyACM0 or tcp://host:port
     #[arg(long)]
     port: Option<String>,
     /// The rig, see `lobelia template rig`; the simulated one when not given
@@ -114,6 +114,10 @@ pub(super) fn monitor(args: &MonitorArgs, context: &mut Context) -> Result<()> {
         while let Some(event) = client.listen(LOOK)? {
             println!("{}", monitor::event(&event, before.uptime_us, &config));
             events += 1;
+            // Telemetry may never pause for as long as one look takes.
+            if monitor::time_us(&event).is_some_and(|us| us >= before.uptime_us + LOOK.as_micros() as u64) {
+                break;
+            }
         }
         if args.for_s.is_none() {
             args.session.connection.keep_pace(LOOK);
@@ -142,13 +146,51 @@ pub(super) fn params(args: &ParamsArgs, context: &mut Context) -> Result<()> {
         println!("controller: has these parameters now and keeps them");
         return Ok(());
     }
-    let set = client.status()?.configured;
-    context.report.figure("configured", set);
+    let ours = config.configuration()?;
+    let Some(theirs) = client.read_parameters()? else {
+        println!("controller: has no parameters yet");
+        return Ok(());
+    };
+    let differences = differences(&ours, &theirs);
+    context.report.figure("differences", differences.len());
+    for difference in &differences {
+        println!("{difference}");
+    }
     println!(
-        "controller: {}; the protocol does not tell which",
-        if set { "has parameters" } else { "has no parameters yet" }
+        "controller: {}",
+        match differences.len() {
+            0 => "has these parameters".to_owned(),
+            count => format!("has other parameters, {count} of them; --save sends these"),
+        }
     );
     Ok(())
+}
+
+/// A line for each parameter that the controller has otherwise.
+pub(super) fn differences(ours: &Configuration, theirs: &Configuration) -> Vec<String> {
+    let mut lines = Vec::new();
+    let mut compare = |name: String, unit: &str, ours: String, theirs: String| {
+        if ours != theirs {
+            lines.push(format!("differs: {name} is {theirs} {unit} in the controller, {ours} here"));
+        }
+    };
+    for axis in Axis::ALL {
+        let [ours, theirs] = [ours, theirs].map(|all| &all.axes[axis.index()]);
+        for (name, unit, number) in ROWS {
+            let name = format!("{} {name}", axis.name());
+            compare(name, unit, number(ours).to_string(), number(theirs).to_string());
+        }
+        compare(
+            format!("{} home_direction", axis.name()),
+            "end",
+            format!("{:?}", ours.home_direction),
+            format!("{:?}", theirs.home_direction),
+        );
+    }
+    for (ours, theirs) in settings(&ours.settings).into_iter().zip(settings(&theirs.settings)) {
+        compare(ours.0.to_owned(), ours.1, ours.2, theirs.2);
+    }
+    lines
 }
 
 /// A row: what it is, its unit, and the number of an axis.
@@ -176,7 +218,6 @@ const ROWS: [Row; 15] = [
 /// The parameters as a table, an axis a column.
 pub(super) fn table(config: &RigConfig) -> Result<String> {
     let configuration = config.configuration()?;
-    let settings = configuration.settings;
     let mut text = format!("{:<18}{:<10}", "parameter", "unit");
     for axis in Axis::ALL {
         text += &format!("{:>10}", axis.name());
@@ -187,7 +228,15 @@ pub(super) fn table(config: &RigConfig) -> Result<String> {
             text += &format!("{:>10}", number(axis));
         }
     }
-    let whole: [(&str, &str, String); 7] = [
+    for (name, unit, value) in settings(&configuration.settings) {
+        text += &format!("\n{name:<19}{unit:<9}{value:>10}");
+    }
+    Ok(text + "\n")
+}
+
+/// What the controller is told besides: name, unit and value.
+fn settings(settings: &Settings) -> [(&'static str, &'static str, String); 7] {
+    [
         ("lamp_warm_up", "s", settings.lamp_warm_up_s.to_string()),
         ("lamp_least_reading", "counts", settings.lamp_least_reading.to_string()),
         ("lease", "ms", settings.lease_ms.to_string()),
@@ -195,9 +244,5 @@ pub(super) fn table(config: &RigConfig) -> Result<String> {
         ("lamp_safe_level", "of 65535", settings.lamp_safe_level.to_string()),
         ("camera_wait", "ms", settings.camera_wait_ms.to_string()),
         ("coordinated", "", settings.coordinated.to_string()),
-    ];
-    for (name, unit, value) in whole {
-        text += &format!("\n{name:<19}{unit:<9}{value:>10}");
-    }
-    Ok(text + "\n")
+    ]
 }

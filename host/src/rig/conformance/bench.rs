@@ -5,8 +5,8 @@ use std::fmt::Debug;
 use std::time::Duration;
 
 use lobelia_protocol::{
-    AXES, Answer, Command, Configuration, Hello, HelloReply, Outcome, Refusal, Request, Response, Status,
-    ToController, ToHost,
+    AXES, Answer, Command, Configuration, Event, Hello, HelloReply, Outcome, Refusal, Request, Response,
+    Status, ToController, ToHost,
 };
 
 use crate::error::Error;
@@ -61,6 +61,8 @@ pub(super) struct Bench {
     seen: u32,
     answered: HashSet<u32>,
     answers: Vec<Response>,
+    /// Events that came since they were last cleared.
+    pub(super) events: Vec<Event>,
 }
 
 impl Bench {
@@ -74,6 +76,7 @@ impl Bench {
             seen: 0,
             answered: HashSet::new(),
             answers: Vec::new(),
+            events: Vec::new(),
         }
     }
 
@@ -141,8 +144,12 @@ impl Bench {
     }
 
     fn keep(&mut self, packet: Option<ToHost>) {
+        if let Some(ToHost::Event(event)) = packet {
+            self.events.push(event);
+        }
         if let Some(ToHost::Response(response)) = packet {
-            if response.outcome != Outcome::Running && response.session == self.session {
+            let pending = [Outcome::Running, Outcome::Refused(Refusal::OutOfWindow)];
+            if !pending.contains(&response.outcome) && response.session == self.session {
                 self.answered.insert(response.id);
             }
             self.answers.push(response);

@@ -26,6 +26,7 @@ pub(super) const CHECKS: &[(&str, Script)] = &[
     ("moves beyond a limit are refused with the axis, and move nothing", beyond),
     ("a status during a move tells that it moves", moving),
     ("another move during a move waits for it and is then made", queue),
+    ("a stop refuses what waits behind a move", stop_waiting),
     ("a stop ends a move on its way, with positions known", stop),
     ("a move goes on to another target on its way", retarget),
     ("a new session ends the move of the one before", takeover),
@@ -163,6 +164,18 @@ fn queue(bench: &mut Bench) -> Result<()> {
     same("the first move's outcome", &Outcome::Done(Answer::At(bench.part_way(1.0))), &outcome)?;
     let outcome = bench.outcome(&second)?;
     same("the second move's outcome", &Outcome::Done(Answer::At(bench.part_way(0.9))), &outcome)
+}
+
+fn stop_waiting(bench: &mut Bench) -> Result<()> {
+    let (first, _) = bench.under_way()?;
+    let waiting = bench.begin(Command::MoveTo(bench.part_way(0.0)))?;
+    bench.done(Command::Stop)?;
+    for request in [&first, &waiting] {
+        same("its outcome", &Outcome::Refused(Refusal::Stopped), &bench.outcome(request)?)?;
+    }
+    let status = bench.wait("at rest after a stop", |status| !status.busy)?;
+    bench.pause(20 * LOOK)?;
+    same("positions a while later", &status.positions, &bench.status()?.positions)
 }
 
 fn stop(bench: &mut Bench) -> Result<()> {

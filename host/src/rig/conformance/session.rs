@@ -1,7 +1,7 @@
 //! Checks of hello, session and parameters.
 
 use lobelia_protocol::{
-    AXES, Axis, AxisParameters, Command, Field, Hello, Outcome, Refusal, Request, Verdict, schema,
+    AXES, Answer, Axis, AxisParameters, Command, Field, Hello, Outcome, Refusal, Request, Verdict, schema,
 };
 
 use super::Script;
@@ -12,6 +12,7 @@ pub(super) const CHECKS: &[(&str, Script)] = &[
     ("a hello of another schema is refused with the controller's own version", other_schema),
     ("a request of a session that isn't open is refused", closed_session),
     ("a status tells that parameters are set", configured),
+    ("parameters are read back as they were set", read_back),
     ("parameters out of range are refused and change nothing", bad_parameters),
     ("other parameters make positions unknown", other_parameters),
     ("a move is refused before homing", no_move_before_homing),
@@ -42,6 +43,15 @@ fn closed_session(bench: &mut Bench) -> Result<()> {
 fn configured(bench: &mut Bench) -> Result<()> {
     let status = bench.settle()?;
     ensure(status.configured, || "it says that none are".to_owned())
+}
+
+fn read_back(bench: &mut Bench) -> Result<()> {
+    bench.settle()?;
+    for axis in Axis::ALL {
+        let parameters = bench.configuration.axes[axis.index()];
+        same(axis.name(), &Answer::Axis(parameters), &bench.done(Command::ReadAxis(axis))?)?;
+    }
+    same("settings", &Answer::Settings(bench.configuration.settings), &bench.done(Command::ReadSettings)?)
 }
 
 fn bad_parameters(bench: &mut Bench) -> Result<()> {
