@@ -359,3 +359,39 @@ fn damaged_frames_are_counted_and_told() {
     let what = Happening::BadFrames { count: 2 };
     assert!(matches!(events(&mut rig)[..], [Event::Log(line)] if line.what == what));
 }
+
+#[test]
+fn a_request_that_comes_as_another_ends_does_not_overtake_those_that_wait() {
+    let mut rig = Rig::homed();
+    rig.send(&request(1, expose(9)));
+    rig.send(&request(2, expose(2)));
+    // Nothing is looked at until the first exposure is over.
+    rig.deliver(&request(3, expose(3)).encode().unwrap());
+    rig.bench.borrow_mut().now_us += 9000;
+    while rig.pass_event() {}
+    let bench = rig.bench.borrow();
+    let open: Vec<_> = bench.shutter.chunks(2).map(|pair| pair[1].0 - pair[0].0).collect();
+    assert_eq!(open, [9000, 2000, 3000]);
+    let shut: Vec<_> = bench.shutter[1..5].chunks(2).map(|pair| pair[1].0 - pair[0].0).collect();
+    assert_eq!(shut, [1000, 1000], "the shutter's rest");
+}
+
+#[test]
+fn an_answer_waits_for_one_event_at_most() {
+    let mut rig = Rig::homed();
+    rig.send(&request(1, Command::Watch { telemetry_ms: 20, log: true }));
+    rig.received();
+    for id in 2..6 {
+        rig.bench.borrow_mut().line_busy = true;
+        rig.send(&request(id, Command::Lamp { on: true, level: 9 }));
+        rig.bench.borrow_mut().now_us += 20_000;
+        rig.poll();
+        let kinds = |rig: &mut Rig| -> Vec<_> {
+            rig.received().iter().map(|packet| matches!(packet, ToHost::Response(_))).collect()
+        };
+        assert_eq!(kinds(&mut rig), [true], "the answer goes at once, and no event behind it");
+        rig.bench.borrow_mut().line_busy = false;
+        rig.poll();
+        assert_eq!(kinds(&mut rig), [false; 3], "two log lines, and telemetry last");
+    }
+}

@@ -40,6 +40,8 @@ pub(crate) struct Bench {
     pub(crate) stalled: [bool; 4],
     pub(crate) hot: bool,
     pub(crate) diode_broken: bool,
+    /// What the controller wrote has not left yet.
+    pub(crate) line_busy: bool,
     /// The link takes no bytes from the controller.
     pub(crate) line_stuck: bool,
     pub(crate) lamp_level: u16,
@@ -195,6 +197,9 @@ impl ByteLink for Wire {
         }
         !bench.line_stuck
     }
+    fn is_idle(&self) -> bool {
+        !self.0.borrow().line_busy
+    }
 }
 
 /// A controller on its bench, and a host that talks to it.
@@ -289,8 +294,13 @@ impl Rig {
     }
 
     pub(crate) fn send_bytes(&mut self, bytes: &[u8]) {
-        self.bench.borrow_mut().to_controller.extend(bytes);
+        self.deliver(bytes);
         self.poll();
+    }
+
+    /// Puts bytes before the controller, which looks at them when it is polled next.
+    pub(crate) fn deliver(&mut self, bytes: &[u8]) {
+        self.bench.borrow_mut().to_controller.extend(bytes);
     }
 
     pub(crate) fn poll(&mut self) {

@@ -98,7 +98,11 @@ fn a_controller_without_limits_fails_the_refusals() {
         }
     };
     let failed = failures(Box::new(Bent::new(rig().link(), widen, |_| {})));
-    assert_eq!(failed, ["moves beyond a limit are refused with the axis, and move nothing"]);
+    let expected = [
+        "parameters are read back as they were set",
+        "moves beyond a limit are refused with the axis, and move nothing",
+    ];
+    assert_eq!(failed, expected);
 }
 
 #[test]
