@@ -19,6 +19,11 @@ pub trait ByteLink {
     fn read(&mut self) -> Option<u8>;
     /// Sends a byte; false when there's no room for it now.
     fn write(&mut self, byte: u8) -> bool;
+    /// Whether all that was written has left, or as good as. Events wait for it, so an answer never queues behind several of
+    /// them; a link without a buffer need not tell.
+    fn is_idle(&self) -> bool {
+        true
+    }
 }
 
 /// An analog input.

@@ -4,24 +4,28 @@ mod drivers;
 mod lease;
 mod light;
 mod moves;
+mod requests;
+mod watch;
 
 use core::array;
 
+use heapless::Deque;
 use lobelia_protocol::{
-    AXES, Answer, Axis, Command, Configuration, Event, Fault, FaultReport, Outcome, Refusal, Request,
-    Response, Status, ToController, ToHost,
+    AXES, Answer, Axis, AxisParameters, Configuration, Event, Fault, FaultReport, Outcome, Refusal, Request,
+    Status, ToController,
 };
 
 use crate::board::{AxisPins, Board, Options, Peripherals, PinFailure};
 use crate::homing::{Homing, Purpose};
 use crate::lamp::Lamp;
-use crate::link::{Admission, Link};
+use crate::link::Link;
 use crate::motion::axis::AxisDrive;
 use crate::motion::parameters;
 use crate::motion::pulses::{Pulses, PulsesCell};
 use crate::safety::{EmergencyStop, Safety};
 use crate::shutter::Shutter;
 use crate::storage;
+use watch::Watch;
 
 /// A loop that comes this much too late, in µs, doesn't feed the watchdog.
 const LATE_US: u64 = 1000;
@@ -53,6 +57,9 @@ struct Running {
     task: Task,
     request: Option<u32>,
 }
+
+/// Requests that may wait for their turn.
+const WAITING: usize = 4;
 
 /// Why a command was not begun.
 enum Trouble {
@@ -92,6 +99,13 @@ pub struct Controller<B: Board> {
     link: Link<B::Link>,
     configuration: Option<Configuration>,
     running: Option<Running>,
+    /// Requests that wait for their turn, in order.
+    waiting: Deque<Request, WAITING>,
+    /// The last request that was refused, 0 for none in this session.
+    refused: u32,
+    /// Axis parameters for the next configuration.
+    prepared: [Option<AxisParameters>; AXES],
+    watch: Watch,
     /// When the last request or hello came.
     heard_us: u64,
 }
@@ -127,6 +141,10 @@ impl<B: Board> Controller<B> {
             link: Link::new(link),
             configuration,
             running: None,
+            waiting: Deque::new(),
+            refused: 0,
+            prepared: [None; AXES],
+            watch: Watch::default(),
             heard_us: 0,
         }
     }
@@ -141,7 +159,7 @@ impl<B: Board> Controller<B> {
 
     /// When [`Self::poll`] has to be called next where an interrupt makes the steps, as [`Self::next_event_us`] where none does.
     pub fn next_poll_us(&self) -> u64 {
-        self.poll_us.unwrap_or_else(|| self.task_us().min(self.lease_end_us()))
+        self.poll_us.unwrap_or_else(|| self.task_us().min(self.lease_end_us()).min(self.watch.next_us()))
     }
 
     /// When something is due for the task other than motion.
@@ -165,7 +183,7 @@ impl<B: Board> Controller<B> {
         }
         let pulses = &mut self.pulses;
         let axes_us = self.axes.iter().map(|axis| axis.next_us(pulses, now_us)).min().unwrap_or(u64::MAX);
-        Some(axes_us.min(self.lease_end_us()).min(now_us + POLL_EVERY_US))
+        Some(axes_us.min(self.lease_end_us()).min(self.watch.next_us()).min(now_us + POLL_EVERY_US))
     }
 
     /// Which axes are under way.
@@ -217,20 +235,17 @@ impl<B: Board> Controller<B> {
                     if self.link.is_open()
                         && let Some(crash) = self.options.crash.take()
                     {
-                        self.link.tell(Event::Crashed(crash));
+                        self.link.events.alarm(Event::Crashed(crash));
                     }
                 }
-                ToController::Request(request) => {
-                    self.take(now_us, &request);
-                    while let Some(held) = self.link.next_held() {
-                        self.take(now_us, &held);
-                    }
-                }
+                ToController::Request(request) => self.receive(now_us, &request),
             }
         }
+        self.take_turns(now_us);
         if now_us >= self.lease_end_us() {
             self.expire(now_us);
         }
+        self.tell(now_us);
         // A board whose pins fail, or that steps too late, is better off with a reset, which puts pins to their safe state.
         if let Some(watchdog) = &mut self.options.watchdog
             && in_time
@@ -245,109 +260,16 @@ impl<B: Board> Controller<B> {
 
     /// Ends what a host began that is no longer there.
     fn abandon(&mut self, now_us: u64) {
+        self.waiting.clear();
+        self.refused = 0;
+        self.prepared = [None; AXES];
+        self.watch = Watch::default();
         if self.running.is_some() {
             let _ = self.stop(now_us);
             if let Some(running) = &mut self.running {
                 running.request = None;
             }
         }
-    }
-
-    fn take(&mut self, now_us: u64, request: &Request) {
-        if self.link.in_session(request) {
-            self.heard_us = now_us;
-        }
-        let running = self.running.as_ref().and_then(|running| running.request);
-        match self.link.admit(request, running) {
-            Admission::Answer(outcome) => {
-                let response = Response { session: request.session, id: request.id, outcome };
-                self.link.send(&ToHost::Response(response));
-            }
-            Admission::Run => match self.begin(now_us, request) {
-                Ok(Some(answer)) => self.link.answer(request.id, Outcome::Done(answer)),
-                Ok(None) => {}
-                Err(Trouble::Refusal(refusal)) => self.link.answer(request.id, Outcome::Refused(refusal)),
-                Err(Trouble::Pin) => {
-                    self.raise(now_us, Fault::Hardware, None);
-                    let refusal = Refusal::Faulted(self.safety.faults());
-                    self.link.answer(request.id, Outcome::Refused(refusal));
-                }
-            },
-        }
-    }
-
-    /// Runs a command, or begins one that takes time and is answered at its end.
-    fn begin(&mut self, now_us: u64, request: &Request) -> Result<Option<Answer>, Trouble> {
-        match request.command {
-            Command::Status => return Ok(Some(Answer::Status(self.status(now_us)?))),
-            Command::Stop => {
-                self.stop(now_us)?;
-                return Ok(Some(Answer::Nothing));
-            }
-            Command::Lamp { on, level } => {
-                if on {
-                    self.safety.check()?;
-                }
-                self.lamp.switch(now_us, on, level)?;
-                return Ok(Some(Answer::Nothing));
-            }
-            Command::ClearFaults => {
-                self.safety.clear()?;
-                return Ok(Some(Answer::Nothing));
-            }
-            Command::Configure(_)
-            | Command::Home
-            | Command::HomeRepeatedly { .. }
-            | Command::CheckIndex
-            | Command::SaveParameters
-            | Command::MoveTo(_)
-            | Command::Retarget(_)
-            | Command::Expose { .. } => {}
-        }
-        if self.running.is_some() && !matches!(request.command, Command::Retarget(_)) {
-            return Err(Refusal::Busy.into());
-        }
-        if let Command::Configure(configuration) = request.command {
-            self.configure(configuration)?;
-            return Ok(Some(Answer::Nothing));
-        }
-        let configuration = self.configuration.ok_or(Refusal::NotConfigured)?;
-        if request.command == Command::SaveParameters {
-            let saved = self
-                .options
-                .storage
-                .as_mut()
-                .is_some_and(|storage| storage::save(&mut **storage, &configuration));
-            return if saved { Ok(Some(Answer::Nothing)) } else { Err(Refusal::NoStorage.into()) };
-        }
-        self.safety.check()?;
-        let task = match request.command {
-            Command::MoveTo(targets) => self.begin_move(now_us, &configuration, targets)?,
-            Command::Retarget(targets) => self.retarget(now_us, &configuration, targets)?,
-            Command::Expose { duration_us, warm_lamp } => {
-                self.begin_exposure(now_us, duration_us, warm_lamp)?
-            }
-            Command::CheckIndex => {
-                self.check_positions()?;
-                self.begin_homing(now_us, &configuration, Purpose::Check)?
-            }
-            Command::HomeRepeatedly { approaches } => {
-                self.prepare_homing(now_us, &configuration, Purpose::Home { approaches })?
-            }
-            _ => self.prepare_homing(now_us, &configuration, Purpose::Home { approaches: 1 })?,
-        };
-        self.running = Some(Running { task, request: Some(request.id) });
-        Ok(None)
-    }
-
-    /// Another configuration makes positions unknown: steps may mean something else.
-    fn configure(&mut self, configuration: Configuration) -> Result<(), Refusal> {
-        parameters::validate(&configuration)?;
-        self.set_up_drivers(&configuration)?;
-        if self.configuration.replace(configuration) != Some(configuration) {
-            self.axes.iter_mut().for_each(|axis| axis.forget(&mut self.pulses));
-        }
-        Ok(())
     }
 
     /// Brings all axes to rest by their ramps and closes the shutter.
@@ -371,6 +293,7 @@ impl<B: Board> Controller<B> {
             at_switch,
             configured: self.configuration.is_some(),
             busy: self.running.is_some(),
+            waiting: self.waiting.len() as u8,
             lamp: self.lamp_status(now_us),
             faults: self.safety.faults(),
             emergency_stop: self.safety.pressed(),
@@ -386,17 +309,11 @@ impl<B: Board> Controller<B> {
     fn go_on(&mut self, now_us: u64, mut running: Running) {
         match self.advance(now_us, &mut running.task) {
             Ok(None) => self.running = Some(running),
-            Ok(Some(outcome)) => self.finish(&running, outcome),
+            Ok(Some(outcome)) => self.finish(now_us, &running, outcome),
             Err((fault, axis)) => {
                 self.running = Some(running);
                 self.raise(now_us, fault, axis);
             }
-        }
-    }
-
-    fn finish(&mut self, running: &Running, outcome: Outcome) {
-        if let Some(id) = running.request {
-            self.link.answer(id, outcome);
         }
     }
 
@@ -478,14 +395,15 @@ impl<B: Board> Controller<B> {
             safe &= self.lamp.switch(now_us, false, 0).is_ok();
         }
         if self.safety.latch(fault) {
-            self.link.tell(Event::Fault(FaultReport { fault, axis, at_us: now_us }));
+            self.link.events.alarm(Event::Fault(FaultReport { fault, axis, at_us: now_us }));
         }
         if !safe {
             self.safety.latch(Fault::Hardware);
         }
+        let refusal = Refusal::Faulted(self.safety.faults());
         if let Some(running) = self.running.take() {
-            let refusal = Refusal::Faulted(self.safety.faults());
-            self.finish(&running, Outcome::Refused(refusal));
+            self.finish(now_us, &running, Outcome::Refused(refusal));
         }
+        self.refuse_waiting(now_us, refusal);
     }
 }

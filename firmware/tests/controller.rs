@@ -6,12 +6,17 @@ mod bench;
 use bench::{Rig, SESSION, SWITCH_AT, configuration, refusal};
 use lobelia_protocol::{
     Answer, Axis, AxisParameters, Command, Configuration, Event, Fault, Field, Hello, HomeDirection, Outcome,
-    Refusal, Request, ToController, ToHost, Verdict,
+    Refusal, Request, Settings, ToController, ToHost, Verdict,
 };
 use proptest::prelude::*;
 
 /// Where the motor is when the axis is truly at a position: the switch opens one step above the last closed one, and that
 /// step is −1000.
+fn with_coordination(coordinated: bool) -> Configuration {
+    let configuration = configuration();
+    Configuration { settings: Settings { coordinated, ..configuration.settings }, ..configuration }
+}
+
 fn motor_position(position: i32) -> i64 {
     SWITCH_AT + 1 + 1000 + i64::from(position)
 }
@@ -22,8 +27,8 @@ fn other_schema_is_refused_and_nothing_but_a_hello_is_understood() {
     rig.send(&ToController::Hello(Hello { schema: 1, version: 9, session: SESSION }));
     let [ToHost::Hello(reply)] = rig.received()[..] else { panic!("no reply") };
     assert_eq!((reply.verdict, reply.hello), (Verdict::DifferentSchema, Hello::new(SESSION)));
-    for command in [Command::Configure(configuration()), Command::Home, Command::Lamp { on: true, level: 9 }]
-    {
+    let rest = [Command::Home, Command::Lamp { on: true, level: 9 }];
+    for command in configuration().commands().into_iter().chain(rest) {
         assert_eq!(refusal(rig.ask(command)), Refusal::NoSession);
     }
     assert_eq!((rig.step_count(), rig.bench.borrow().lamp), (0, false));
@@ -63,13 +68,14 @@ fn homing_at_the_upper_end_measures_the_edge_upward() {
 #[test]
 fn repeated_request_is_not_run_twice() {
     let mut rig = Rig::homed();
-    let request = Request { session: SESSION, id: 3, command: Command::MoveTo([300, 200, 10, 400]) };
+    let request = Request { session: SESSION, id: 1, seen: 0, command: Command::MoveTo([300, 200, 10, 400]) };
     rig.send(&ToController::Request(request));
     rig.pass_event();
+    rig.received();
     rig.send(&ToController::Request(request));
     let running = rig.received();
     assert!(matches!(running[..], [ToHost::Response(response)] if response.outcome == Outcome::Running));
-    let done = rig.outcome(3);
+    let done = rig.outcome(1);
     let steps = rig.step_count();
     rig.send(&ToController::Request(request));
     let again = rig.received();
@@ -82,7 +88,7 @@ fn repeated_request_is_not_run_twice() {
 fn old_request_without_a_kept_answer_is_not_run() {
     let mut rig = Rig::homed();
     rig.begin(Command::Status);
-    let late = Request { session: SESSION, id: 0, command: Command::MoveTo([300; 4]) };
+    let late = Request { session: SESSION, id: 0, seen: 0, command: Command::MoveTo([300; 4]) };
     rig.received();
     rig.send(&ToController::Request(late));
     let answers = rig.received();
@@ -99,12 +105,13 @@ fn another_host_ends_what_the_last_one_began_and_keeps_positions() {
     for _ in 0..50 {
         rig.pass_event();
     }
+    rig.received();
     rig.send(&ToController::Hello(Hello::new(SESSION + 1)));
     while rig.pass_event() {}
     let answered =
         rig.received().iter().any(|packet| matches!(packet, ToHost::Response(response) if response.id == id));
     assert!(!answered);
-    let status = Request { session: SESSION + 1, id: 1, command: Command::Status };
+    let status = Request { session: SESSION + 1, id: 1, seen: 0, command: Command::Status };
     rig.send(&ToController::Request(status));
     let Outcome::Done(Answer::Status(status)) = rig.outcome(1) else { panic!("no status") };
     assert_eq!((status.known, status.busy), ([true; 4], false));
@@ -258,32 +265,32 @@ fn commands_that_make_no_sense_are_refused_without_a_fault() {
     let mut bad = configuration();
     bad.axes[3].acceleration = 0;
     let field = Refusal::BadParameter { axis: Some(Axis::Light), field: Field::Acceleration };
-    assert_eq!(refusal(rig.ask(Command::Configure(bad))), field);
-    rig.ask(Command::Configure(configuration()));
+    assert_eq!(refusal(rig.configure(bad)), field);
+    rig.configure(configuration());
     assert_eq!(refusal(rig.ask(Command::MoveTo([0; 4]))), Refusal::PositionUnknown(Axis::Pan));
     rig.ask(Command::Home);
     assert_eq!(refusal(rig.ask(Command::MoveTo([0, 0, 5001, 0]))), Refusal::OutOfLimits(Axis::Roll));
     let dark = Command::Expose { duration_us: 1000, warm_lamp: true };
     assert_eq!(refusal(rig.ask(dark)), Refusal::LampNotWarm { remaining_s: None });
-    rig.begin(Command::MoveTo([0; 4]));
-    assert_eq!(refusal(rig.ask(Command::Home)), Refusal::Busy);
+    rig.begin(Command::Home);
+    assert_eq!(refusal(rig.ask(Command::Retarget([0; 4]))), Refusal::Busy);
 }
 
 #[test]
 fn same_configuration_again_keeps_positions_and_another_forgets_them() {
     let mut rig = Rig::homed();
-    rig.ask(Command::Configure(configuration()));
+    rig.configure(configuration());
     assert!(matches!(rig.ask(Command::MoveTo([100; 4])), Outcome::Done(_)));
     let mut other = configuration();
     other.axes[0].home_position -= 1;
-    rig.ask(Command::Configure(other));
+    rig.configure(other);
     assert_eq!(refusal(rig.ask(Command::MoveTo([0; 4]))), Refusal::PositionUnknown(Axis::Pan));
 }
 
 #[test]
 fn coordinated_axes_arrive_at_once_and_others_each_as_soon_as_they_can() {
     for coordinated in [true, false] {
-        let mut rig = Rig::greeted(Configuration { coordinated, ..configuration() });
+        let mut rig = Rig::greeted(with_coordination(coordinated));
         rig.ask(Command::Home);
         rig.ask(Command::MoveTo([0; 4]));
         rig.bench.borrow_mut().steps = Default::default();
@@ -326,14 +333,14 @@ fn full_turn_axis_goes_the_shorter_way_through_zero_and_keeps_its_names() {
     }
     round.axes[2].full_turn_steps = 1998;
     let field = Refusal::BadParameter { axis: Some(Axis::Roll), field: Field::FullTurn };
-    assert_eq!(refusal(rig.ask(Command::Configure(round))), field);
+    assert_eq!(refusal(rig.configure(round)), field);
 }
 
 #[test]
 fn retargeted_move_is_answered_as_stopped_and_ends_on_the_new_target() {
     for coordinated in [true, false] {
         for (events, targets) in [(40, [3000, 100, -600, 4000]), (2500, [-800, 2000, 500, 1500])] {
-            let mut rig = Rig::greeted(Configuration { coordinated, ..configuration() });
+            let mut rig = Rig::greeted(with_coordination(coordinated));
             rig.ask(Command::Home);
             rig.ask(Command::MoveTo([0; 4]));
             let first = rig.begin(Command::MoveTo([2000; 4]));

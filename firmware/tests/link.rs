@@ -5,11 +5,12 @@ mod bench;
 
 use bench::{Rig, SESSION, configuration};
 use lobelia_protocol::{
-    Command, Configuration, Event, Fault, Outcome, Refusal, Request, Response, ToController, ToHost,
+    Answer, Command, Configuration, Event, Fault, Happening, LogLine, Outcome, Refusal, Request, Response,
+    Settings, ToController, ToHost,
 };
 
 fn request(id: u32, command: Command) -> ToController {
-    ToController::Request(Request { session: SESSION, id, command })
+    ToController::Request(Request { session: SESSION, id, seen: id.saturating_sub(8), command })
 }
 
 /// Ids and outcomes that have come, in order.
@@ -27,52 +28,52 @@ fn level(id: u32) -> Command {
 
 #[test]
 fn requests_that_come_in_any_order_run_in_that_of_their_ids() {
-    for order in [[2, 3, 4, 5], [5, 4, 3, 2], [4, 2, 5, 3]] {
+    for order in [[1, 2, 3, 4], [4, 3, 2, 1], [3, 1, 4, 2]] {
         let mut rig = Rig::greeted(configuration());
         for id in order {
             rig.send(&request(id, level(id)));
         }
         let done = answers(&mut rig).into_iter().filter(|(_, outcome)| *outcome != Outcome::Running);
-        assert_eq!(done.map(|(id, _)| id).collect::<Vec<_>>(), [2, 3, 4, 5], "{order:?}");
+        assert_eq!(done.map(|(id, _)| id).collect::<Vec<_>>(), [1, 2, 3, 4], "{order:?}");
         // Of 1000: the level of the last one.
-        assert_eq!(rig.bench.borrow().lamp_level, 500);
+        assert_eq!(rig.bench.borrow().lamp_level, 400);
     }
 }
 
 #[test]
 fn too_many_in_flight_are_refused_and_none_is_lost() {
     let mut rig = Rig::greeted(configuration());
-    for id in 3..8 {
+    for id in 2..7 {
         rig.send(&request(id, level(id)));
     }
     let refused: Vec<_> =
         answers(&mut rig).into_iter().filter(|(_, outcome)| *outcome != Outcome::Running).collect();
-    assert_eq!(refused, [6, 7].map(|id| (id, Outcome::Refused(Refusal::OutOfWindow))));
-    for id in [2, 6, 7] {
+    assert_eq!(refused, [5, 6].map(|id| (id, Outcome::Refused(Refusal::OutOfWindow))));
+    for id in [1, 5, 6] {
         rig.send(&request(id, level(id)));
     }
     let done: Vec<_> = answers(&mut rig).into_iter().map(|(id, _)| id).collect();
-    assert_eq!(done, [2, 3, 4, 5, 6, 7]);
+    assert_eq!(done, [1, 2, 3, 4, 5, 6]);
 }
 
 #[test]
 fn stop_waits_for_nothing_and_what_went_before_it_never_runs() {
     let mut rig = Rig::homed();
-    rig.send(&request(4, Command::MoveTo([500; 4])));
-    rig.send(&request(5, Command::Stop));
-    rig.send(&request(3, Command::MoveTo([500; 4])));
-    rig.send(&request(4, Command::MoveTo([500; 4])));
+    rig.send(&request(2, Command::MoveTo([500; 4])));
+    rig.send(&request(3, Command::Stop));
+    rig.send(&request(1, Command::MoveTo([500; 4])));
+    rig.send(&request(2, Command::MoveTo([500; 4])));
     while rig.pass_event() {}
     assert_eq!(rig.step_count(), 0);
     let stale = Outcome::Refused(Refusal::Stale);
-    assert_eq!(answers(&mut rig)[2..], [(3, stale), (4, stale)]);
+    assert_eq!(finals(&mut rig)[1..], [(1, stale), (2, stale)]);
 }
 
 #[test]
 fn events_wait_until_the_answers_are_sent() {
     let mut rig = Rig::homed();
     rig.bench.borrow_mut().line_stuck = true;
-    for id in 3..7 {
+    for id in 1..5 {
         rig.bench.borrow_mut().stop_pressed = true;
         rig.poll();
         rig.bench.borrow_mut().stop_pressed = false;
@@ -87,13 +88,15 @@ fn events_wait_until_the_answers_are_sent() {
     assert_eq!(kinds, [false, true, true, true, true, false, false, false]);
 }
 
-fn leased() -> Configuration {
-    Configuration { lease_ms: 2000, lamp_lease_ms: 3000, lamp_safe_level: 6554, ..configuration() }
+fn leased(lamp_safe_level: u16) -> Configuration {
+    let configuration = configuration();
+    let leases = Settings { lease_ms: 2000, lamp_lease_ms: 3000, ..configuration.settings };
+    Configuration { settings: Settings { lamp_safe_level, ..leases }, ..configuration }
 }
 
 #[test]
 fn silent_host_ends_a_move_smoothly_and_dims_the_lamp() {
-    let mut rig = Rig::greeted(leased());
+    let mut rig = Rig::greeted(leased(6554));
     let home = rig.begin(Command::Home);
     let mut id = home;
     // A host that asks now and then keeps its lease.
@@ -127,7 +130,7 @@ fn silent_host_ends_a_move_smoothly_and_dims_the_lamp() {
 
 #[test]
 fn burning_lamp_alone_holds_a_lease_and_its_end_is_told() {
-    let mut rig = Rig::greeted(Configuration { lamp_safe_level: 0, ..leased() });
+    let mut rig = Rig::greeted(leased(0));
     rig.ask(Command::Lamp { on: true, level: 65535 });
     assert_eq!(rig.next_event_us(), 3_000_000);
     assert!(rig.pass_event());
@@ -135,4 +138,260 @@ fn burning_lamp_alone_holds_a_lease_and_its_end_is_told() {
     assert!(rig.received().iter().any(told));
     assert_eq!((rig.bench.borrow().lamp, rig.bench.borrow().lamp_level), (false, 0));
     assert!(!rig.pass_event());
+}
+
+/// Ids and outcomes that came, without those that only say that the answer comes later.
+fn finals(rig: &mut Rig) -> Vec<(u32, Outcome)> {
+    let mut all = answers(rig);
+    all.retain(|(_, outcome)| *outcome != Outcome::Running);
+    all
+}
+
+fn expose(id: u32) -> Command {
+    Command::Expose { duration_us: 1000 * id, warm_lamp: false }
+}
+
+#[test]
+fn requests_wait_for_their_turn_and_run_once_each_in_order() {
+    let mut rig = Rig::homed();
+    // One is run, four wait, three more are held by the link.
+    for id in 1..=8 {
+        let command = if id % 2 == 1 { Command::MoveTo([100 * id as i32; 4]) } else { expose(id) };
+        for _ in 0..3 {
+            rig.send(&request(id, command));
+        }
+    }
+    let running = answers(&mut rig);
+    assert!(running.iter().all(|(_, outcome)| *outcome == Outcome::Running), "{running:?}");
+    while rig.pass_event() {}
+    let done = finals(&mut rig);
+    assert_eq!(done.iter().map(|(id, _)| *id).collect::<Vec<_>>(), (1..=8).collect::<Vec<_>>());
+    for (id, outcome) in done {
+        match outcome {
+            Outcome::Done(Answer::At(positions)) => assert_eq!(positions, [100 * id as i32; 4]),
+            Outcome::Done(Answer::Exposed(exposure)) => assert_eq!(exposure.open_us, 1000 * id),
+            other => panic!("{id}: {other:?}"),
+        }
+    }
+    let bench = rig.bench.borrow();
+    let open: Vec<_> = bench.shutter.chunks(2).map(|pair| pair[1].0 - pair[0].0).collect();
+    assert_eq!(open, [2000, 4000, 6000, 8000]);
+}
+
+#[test]
+fn one_too_many_may_be_sent_again_and_a_status_does_not_wait() {
+    let mut rig = Rig::homed();
+    rig.send(&request(1, Command::MoveTo([4000; 4])));
+    for id in 2..=8 {
+        rig.send(&request(id, expose(id)));
+    }
+    rig.received();
+    // Nine are beyond what is kept: the host has not seen the first answer yet.
+    let ninth = ToController::Request(Request { session: SESSION, id: 9, seen: 0, command: Command::Status });
+    rig.send(&ninth);
+    assert_eq!(answers(&mut rig), [(9, Outcome::Refused(Refusal::OutOfWindow))]);
+    let mut rig = Rig::homed();
+    rig.send(&request(1, Command::MoveTo([4000; 4])));
+    rig.send(&request(2, expose(2)));
+    rig.send(&request(3, Command::Status));
+    let done = finals(&mut rig);
+    let Outcome::Done(Answer::Status(status)) = done[0].1 else { panic!("{done:?}") };
+    assert_eq!((status.busy, status.waiting), (true, 1));
+}
+
+#[test]
+fn a_stop_refuses_what_waits_and_what_comes_after_it_runs() {
+    let mut rig = Rig::homed();
+    rig.send(&request(1, Command::MoveTo([4000; 4])));
+    rig.send(&request(2, expose(2)));
+    rig.send(&request(3, Command::MoveTo([0; 4])));
+    for _ in 0..500 {
+        rig.pass_event();
+    }
+    rig.send(&request(4, Command::Stop));
+    rig.send(&request(5, expose(5)));
+    while rig.pass_event() {}
+    let stopped = Outcome::Refused(Refusal::Stopped);
+    let done = finals(&mut rig);
+    assert_eq!(done[..4], [(2, stopped), (3, stopped), (4, Outcome::Done(Answer::Nothing)), (1, stopped)]);
+    assert!(matches!(done[4..], [(5, Outcome::Done(Answer::Exposed(_)))]), "{done:?}");
+    assert_eq!(rig.bench.borrow().shutter.len(), 3, "shut by the stop, then open and shut once");
+}
+
+#[test]
+fn a_fault_refuses_what_waits_and_it_is_told() {
+    let mut rig = Rig::homed();
+    rig.send(&request(1, Command::MoveTo([4000; 4])));
+    rig.send(&request(2, expose(2)));
+    rig.bench.borrow_mut().stalled[1] = true;
+    while rig.pass_event() {}
+    let faulted = Outcome::Refused(Refusal::Faulted([Fault::Stall].into_iter().collect()));
+    assert_eq!(finals(&mut rig), [(1, faulted), (2, faulted)]);
+}
+
+#[test]
+fn what_was_sent_without_knowing_of_a_refusal_is_skipped() {
+    let unseen = |id, command| ToController::Request(Request { session: SESSION, id, seen: id - 2, command });
+    let mut rig = Rig::homed();
+    rig.send(&request(1, Command::MoveTo([9999; 4])));
+    rig.send(&unseen(2, expose(2)));
+    let skipped = Outcome::Refused(Refusal::Skipped { after: 1 });
+    assert_eq!(finals(&mut rig)[1], (2, skipped));
+    // The one after next is asked for with the refusal known.
+    rig.send(&ToController::Request(Request { session: SESSION, id: 3, seen: 2, command: expose(3) }));
+    while rig.pass_event() {}
+    assert!(matches!(finals(&mut rig)[..], [(3, Outcome::Done(_))]));
+    // What waits is skipped too when what it waits for is refused.
+    rig.send(&request(4, Command::MoveTo([9999; 4])));
+    rig.send(&ToController::Request(Request { session: SESSION, id: 5, seen: 4, command: Command::Home }));
+    rig.send(&unseen(6, Command::MoveTo([9999; 4])));
+    rig.send(&unseen(7, expose(7)));
+    while rig.pass_event() {}
+    let last = finals(&mut rig).pop();
+    assert_eq!(last, Some((7, Outcome::Refused(Refusal::Skipped { after: 6 }))));
+}
+
+#[test]
+fn a_retargeted_move_refuses_what_waits_behind_it() {
+    let mut rig = Rig::homed();
+    rig.send(&request(1, Command::MoveTo([4000; 4])));
+    rig.send(&request(2, expose(2)));
+    rig.send(&request(3, Command::Retarget([100; 4])));
+    while rig.pass_event() {}
+    let stopped = Outcome::Refused(Refusal::Stopped);
+    assert_eq!(finals(&mut rig), [(1, stopped), (2, stopped), (3, Outcome::Done(Answer::At([100; 4])))]);
+}
+
+#[test]
+fn parameters_are_read_back_as_they_were_set() {
+    let mut rig = Rig::new();
+    rig.send(&ToController::Hello(lobelia_protocol::Hello::new(SESSION)));
+    assert_eq!(rig.ask(Command::ReadSettings), Outcome::Refused(Refusal::NotConfigured));
+    let wanted = configuration();
+    let mut rig = Rig::greeted(wanted);
+    assert_eq!(rig.ask(Command::ReadSettings), Outcome::Done(Answer::Settings(wanted.settings)));
+    for axis in lobelia_protocol::Axis::ALL {
+        let read = rig.ask(Command::ReadAxis(axis));
+        assert_eq!(read, Outcome::Done(Answer::Axis(wanted.axes[axis.index()])));
+    }
+    // An axis that is prepared but not set is not what the controller has.
+    let parameters = lobelia_protocol::AxisParameters { settle_ms: 7, ..wanted.axes[0] };
+    let axis = lobelia_protocol::Axis::Pan;
+    rig.ask(Command::PrepareAxis { axis, parameters });
+    assert_eq!(rig.ask(Command::ReadAxis(axis)), Outcome::Done(Answer::Axis(wanted.axes[0])));
+    rig.ask(Command::Configure(wanted.settings));
+    assert_eq!(rig.ask(Command::ReadAxis(axis)), Outcome::Done(Answer::Axis(parameters)));
+}
+
+fn events(rig: &mut Rig) -> Vec<Event> {
+    let event = |packet| match packet {
+        ToHost::Event(event) => Some(event),
+        _ => None,
+    };
+    rig.received().into_iter().filter_map(event).collect()
+}
+
+#[test]
+fn telemetry_comes_at_its_period_until_the_watch_ends() {
+    let mut rig = Rig::homed();
+    rig.ask(Command::Watch { telemetry_ms: 20, log: false });
+    rig.received();
+    let start = rig.bench.borrow().now_us;
+    for _ in 0..10 {
+        assert!(rig.pass_event());
+    }
+    let at: Vec<_> = events(&mut rig)
+        .into_iter()
+        .map(|event| match event {
+            Event::Telemetry(telemetry) => {
+                assert_eq!((telemetry.photodiode, telemetry.dropped), (Some(1234), 0));
+                telemetry.at_us - start
+            }
+            other => panic!("{other:?}"),
+        })
+        .collect();
+    assert_eq!(at, (1..=10).map(|k| k * 20_000).collect::<Vec<_>>());
+    rig.ask(Command::Watch { telemetry_ms: 0, log: false });
+    assert!(!rig.pass_event());
+    assert_eq!(events(&mut rig), []);
+    assert!(matches!(
+        rig.ask(Command::Watch { telemetry_ms: 19, log: false }),
+        Outcome::Refused(Refusal::BadParameter { .. })
+    ));
+}
+
+#[test]
+fn log_lines_tell_what_is_run_and_which_were_left_out() {
+    let mut rig = Rig::homed();
+    rig.send(&request(1, Command::Watch { telemetry_ms: 0, log: true }));
+    rig.send(&request(2, expose(2)));
+    while rig.pass_event() {}
+    let log = |rig: &mut Rig| -> Vec<_> {
+        let line = |event| match event {
+            Event::Log(LogLine { what, .. }) => Some(what),
+            _ => None,
+        };
+        events(rig).into_iter().filter_map(line).collect()
+    };
+    let told = log(&mut rig);
+    let ended = |id| Happening::Ended { id, done: true };
+    assert_eq!(told, [Happening::Began { id: 2 }, ended(2)]);
+    // A stuck line leaves room for eight; what comes after it's free says how many are missing.
+    rig.bench.borrow_mut().line_stuck = true;
+    for id in 3..=20 {
+        rig.send(&request(id, Command::Lamp { on: false, level: 0 }));
+    }
+    rig.bench.borrow_mut().line_stuck = false;
+    rig.poll();
+    rig.received();
+    rig.send(&request(21, Command::ClearFaults));
+    let told = log(&mut rig);
+    let lost = 2 * 18 - 8;
+    assert_eq!(told, [Happening::Dropped { count: lost }, Happening::FaultsCleared, ended(21)]);
+}
+
+#[test]
+fn damaged_frames_are_counted_and_told() {
+    let mut rig = Rig::homed();
+    rig.send(&request(1, Command::Watch { telemetry_ms: 0, log: true }));
+    rig.received();
+    rig.send_bytes(&[0, 5, 6, 7, 8, 9, 0, 1, 0]);
+    let what = Happening::BadFrames { count: 2 };
+    assert!(matches!(events(&mut rig)[..], [Event::Log(line)] if line.what == what));
+}
+
+#[test]
+fn a_request_that_comes_as_another_ends_does_not_overtake_those_that_wait() {
+    let mut rig = Rig::homed();
+    rig.send(&request(1, expose(9)));
+    rig.send(&request(2, expose(2)));
+    // Nothing is looked at until the first exposure is over.
+    rig.deliver(&request(3, expose(3)).encode().unwrap());
+    rig.bench.borrow_mut().now_us += 9000;
+    while rig.pass_event() {}
+    let bench = rig.bench.borrow();
+    let open: Vec<_> = bench.shutter.chunks(2).map(|pair| pair[1].0 - pair[0].0).collect();
+    assert_eq!(open, [9000, 2000, 3000]);
+    let shut: Vec<_> = bench.shutter[1..5].chunks(2).map(|pair| pair[1].0 - pair[0].0).collect();
+    assert_eq!(shut, [1000, 1000], "the shutter's rest");
+}
+
+#[test]
+fn an_answer_waits_for_one_event_at_most() {
+    let mut rig = Rig::homed();
+    rig.send(&request(1, Command::Watch { telemetry_ms: 20, log: true }));
+    rig.received();
+    for id in 2..6 {
+        rig.bench.borrow_mut().line_busy = true;
+        rig.send(&request(id, Command::Lamp { on: true, level: 9 }));
+        rig.bench.borrow_mut().now_us += 20_000;
+        rig.poll();
+        let kinds = |rig: &mut Rig| -> Vec<_> {
+            rig.received().iter().map(|packet| matches!(packet, ToHost::Response(_))).collect()
+        };
+        assert_eq!(kinds(&mut rig), [true], "the answer goes at once, and no event behind it");
+        rig.bench.borrow_mut().line_busy = false;
+        rig.poll();
+        assert_eq!(kinds(&mut rig), [false; 3], "two log lines, and telemetry last");
+    }
 }

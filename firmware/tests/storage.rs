@@ -7,7 +7,7 @@ use std::sync::{Arc, Mutex};
 
 use bench::{Rig, SESSION, configuration};
 use lobelia_firmware::storage::{SLOT_BYTES, Storage, load, save};
-use lobelia_protocol::{Command, Configuration, Hello, Outcome, Refusal, ToController};
+use lobelia_protocol::{Command, Configuration, Hello, Outcome, Refusal, Settings, ToController};
 
 /// Flash that loses its power after so many bytes erased or written.
 struct Flash {
@@ -61,7 +61,8 @@ impl Storage for Shared {
 }
 
 fn with_warm_up(lamp_warm_up_s: u16) -> Configuration {
-    Configuration { lamp_warm_up_s, ..configuration() }
+    let configuration = configuration();
+    Configuration { settings: Settings { lamp_warm_up_s, ..configuration.settings }, ..configuration }
 }
 
 #[test]
@@ -96,7 +97,7 @@ fn any_byte_that_rots_in_the_newer_slot_gives_the_older_parameters() {
     for byte in 0..SLOT_BYTES {
         let mut copy = Flash { slots: flash.slots, bytes_left: usize::MAX };
         copy.slots[1][byte] ^= 0x10;
-        match load(&mut copy).unwrap().lamp_warm_up_s {
+        match load(&mut copy).unwrap().settings.lamp_warm_up_s {
             1 => found_old += 1,
             // Behind the record.
             other => assert!(other == 2 && byte > 100),
@@ -111,7 +112,7 @@ fn controller_wakes_up_with_what_was_saved() {
     let mut rig = Rig::with_storage(Box::leak(Box::new(Shared(Arc::clone(&flash)))));
     rig.send(&ToController::Hello(Hello::new(SESSION)));
     assert_eq!(rig.ask(Command::SaveParameters), Outcome::Refused(Refusal::NotConfigured));
-    rig.ask(Command::Configure(with_warm_up(7)));
+    rig.configure(with_warm_up(7));
     assert!(matches!(rig.ask(Command::SaveParameters), Outcome::Done(_)));
     drop(rig);
     let mut again = Rig::with_storage(Box::leak(Box::new(Shared(Arc::clone(&flash)))));

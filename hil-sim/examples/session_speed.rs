@@ -6,7 +6,9 @@ use std::io::{ErrorKind, Read, Write};
 use std::time::Instant;
 
 use lobelia_hil_sim::{MechanicsConfig, SimulatedLink, SimulatedRig};
-use lobelia_protocol::{Axis, Command, FrameDecoder, Hello, Request, ToController, ToHost};
+use lobelia_protocol::{
+    Axis, Command, FrameDecoder, Hello, Outcome, Request, Response, ToController, ToHost,
+};
 
 const POSES: u32 = 200;
 
@@ -16,7 +18,11 @@ fn main() -> std::io::Result<()> {
     let mut link = rig.link();
     let began = Instant::now();
     exchange(&mut link, &ToController::Hello(Hello::new(1)))?;
-    let mut commands = vec![Command::Configure(config.configuration()), Command::Home];
+    // This host asks nothing while it waits for an answer.
+    let mut configuration = config.configuration();
+    (configuration.settings.lease_ms, configuration.settings.lamp_lease_ms) = (0, 0);
+    let mut commands = configuration.commands().to_vec();
+    commands.push(Command::Home);
     for pose in 0..POSES {
         // Golden-ratio sequences fill 90° on each axis.
         let turn = |axis: u32| (f64::from(pose) * 0.618_034 * f64::from(axis + 1)).fract() * 90.0;
@@ -25,7 +31,7 @@ fn main() -> std::io::Result<()> {
         commands.push(Command::Expose { duration_us: 100_000, warm_lamp: false });
     }
     for (id, command) in (1..).zip(commands) {
-        exchange(&mut link, &ToController::Request(Request { session: 1, id, command }))?;
+        exchange(&mut link, &ToController::Request(Request { session: 1, id, seen: id - 1, command }))?;
     }
     let steps: u64 = Axis::ALL.iter().map(|&axis| rig.steps_received(axis)).sum();
     let took = began.elapsed().as_secs_f64();
@@ -49,8 +55,11 @@ fn exchange(link: &mut SimulatedLink, packet: &ToController) -> std::io::Result<
             other => other?,
         };
         for &byte in &buffer[..count] {
-            if let Some(Ok(payload)) = decoder.push(byte) {
-                return ToHost::decode(payload).map_err(|error| std::io::Error::other(format!("{error:?}")));
+            let Some(Ok(payload)) = decoder.push(byte) else { continue };
+            let packet =
+                ToHost::decode(payload).map_err(|error| std::io::Error::other(format!("{error:?}")))?;
+            if !matches!(packet, ToHost::Response(Response { outcome: Outcome::Running, .. })) {
+                return Ok(packet);
             }
         }
     }

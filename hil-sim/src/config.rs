@@ -1,6 +1,6 @@
 //! What the simulated mechanics and lamp are like. The defaults are those of the source's rig (its Table 3.1).
 
-use lobelia_protocol::{AxisParameters, Configuration, HomeDirection};
+use lobelia_protocol::{AxisParameters, Configuration, HomeDirection, Settings};
 use serde::{Deserialize, Deserializer, Serialize};
 
 /// The simulated rig's mechanics and lamp.
@@ -118,14 +118,15 @@ impl MechanicsConfig {
     pub fn configuration(&self) -> Configuration {
         Configuration {
             axes: self.axes().map(AxisMechanics::parameters),
-            lamp_warm_up_s: self.lamp.warm_up_s,
-            lamp_least_reading: (self.lamp.photodiode_counts / 10.0) as u16,
-            // A simulated host may take its time.
-            lease_ms: 0,
-            lamp_lease_ms: 0,
-            lamp_safe_level: 0,
-            camera_wait_ms: 2000,
-            coordinated: true,
+            settings: Settings {
+                lamp_warm_up_s: self.lamp.warm_up_s,
+                lamp_least_reading: (self.lamp.photodiode_counts / 10.0) as u16,
+                lease_ms: 2000,
+                lamp_lease_ms: 2000,
+                lamp_safe_level: 0,
+                camera_wait_ms: 2000,
+                coordinated: true,
+            },
         }
     }
 }

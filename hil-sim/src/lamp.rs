@@ -41,6 +41,11 @@ impl Lamp {
         self.level = level;
     }
 
+    /// The level that it burns at, 0 to 1.
+    pub(crate) fn level(&self) -> f64 {
+        if self.burning { self.level } else { 0.0 }
+    }
+
     fn warmth_at(&self, us: f64) -> f64 {
         let seconds = (us - self.switched_us as f64) * 1e-6;
         let rest = (-seconds / self.config.warm_up_time_constant_s.max(1e-9)).exp();

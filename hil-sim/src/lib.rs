@@ -15,10 +15,12 @@ pub mod optics;
 mod pins;
 pub mod rig;
 pub mod server;
+mod wire;
 mod world;
 
 pub use config::{AxisMechanics, LampConfig, MechanicsConfig};
-pub use faults::{FaultRates, FaultyLink};
+pub use faults::{FaultRates, FaultyLink, LineCounts};
 pub use link::SimulatedLink;
-pub use rig::{ExposureTruth, SimulatedRig, Step};
+pub use rig::{ExposureTruth, SimulatedRig, Step, Way};
 pub use server::serve_tcp;
+pub use wire::LineConfig;

@@ -41,11 +41,9 @@ impl Read for SimulatedLink {
         if world.unplugged {
             return Err(unplugged());
         }
-        if world.bench.to_host.is_empty() {
-            let deadline = world.bench.now_us().saturating_add(self.timeout_us);
-            world.run_until(deadline, true);
-        }
-        match world.bench.to_host.take(into) {
+        let deadline = world.bench.now_us().saturating_add(self.timeout_us);
+        world.run_until(deadline, true);
+        match world.bench.to_host.take(world.bench.now_us(), into) {
             0 => Err(ErrorKind::TimedOut.into()),
             count => Ok(count),
         }
@@ -58,7 +56,7 @@ impl Write for SimulatedLink {
         if world.unplugged {
             return Err(unplugged());
         }
-        world.bench.to_controller.push(bytes);
+        world.bench.to_controller.push(world.bench.now_us(), bytes);
         world.poll();
         Ok(bytes.len())
     }

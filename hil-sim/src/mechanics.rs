@@ -88,6 +88,11 @@ impl Mechanism {
         self.blocked.load(Relaxed)
     }
 
+    /// Where the motor is.
+    pub(crate) fn motor_steps(&self) -> i64 {
+        self.motor.load(Relaxed)
+    }
+
     /// Whether the controller sees the home switch closed.
     pub(crate) fn switch_closed(&self) -> bool {
         self.switch_closed.load(Relaxed) && !self.switch_broken.load(Relaxed)

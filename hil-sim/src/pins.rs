@@ -1,8 +1,7 @@
 //! The simulated board: the firmware's pins, each a handle to the bench that it acts on.
 
-use std::collections::VecDeque;
 use std::convert::Infallible;
-use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering::Relaxed};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering::Relaxed};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use embedded_hal::digital::{self, InputPin, OutputPin};
@@ -15,45 +14,7 @@ use crate::drivers::{DriverWire, Drivers};
 use crate::lamp::Lamp;
 use crate::mechanics::Mechanism;
 use crate::rig::Step;
-
-/// Bytes on their way.
-#[derive(Debug, Default)]
-pub(crate) struct Wire {
-    bytes: Mutex<VecDeque<u8>>,
-    waiting: AtomicUsize,
-}
-
-impl Wire {
-    fn lock(&self) -> MutexGuard<'_, VecDeque<u8>> {
-        self.bytes.lock().unwrap_or_else(PoisonError::into_inner)
-    }
-
-    pub(crate) fn is_empty(&self) -> bool {
-        self.waiting.load(Relaxed) == 0
-    }
-
-    pub(crate) fn push(&self, bytes: &[u8]) {
-        let mut queue = self.lock();
-        queue.extend(bytes);
-        self.waiting.store(queue.len(), Relaxed);
-    }
-
-    /// Takes as many as there are and fit.
-    pub(crate) fn take(&self, into: &mut [u8]) -> usize {
-        let mut queue = self.lock();
-        let count = into.len().min(queue.len());
-        for (place, byte) in into.iter_mut().zip(queue.drain(..count)) {
-            *place = byte;
-        }
-        self.waiting.store(queue.len(), Relaxed);
-        count
-    }
-
-    pub(crate) fn clear(&self) {
-        self.lock().clear();
-        self.waiting.store(0, Relaxed);
-    }
-}
+use crate::wire::Wire;
 
 /// What the pins act on.
 #[derive(Debug)]
@@ -285,12 +246,15 @@ pub(crate) struct ControllerEnd(Arc<Bench>);
 impl ByteLink for ControllerEnd {
     fn read(&mut self) -> Option<u8> {
         let mut byte = [0];
-        let wire = &self.0.to_controller;
-        (!wire.is_empty() && wire.take(&mut byte) == 1).then_some(byte[0])
+        (self.0.to_controller.take(self.0.now_us(), &mut byte) == 1).then_some(byte[0])
     }
 
     fn write(&mut self, byte: u8) -> bool {
-        self.0.to_host.push(&[byte]);
+        self.0.to_host.push(self.0.now_us(), &[byte]);
         true
+    }
+
+    fn is_idle(&self) -> bool {
+        self.0.to_host.free_us() <= self.0.now_us()
     }
 }

@@ -7,7 +7,9 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use lobelia_protocol::Axis;
 
 use crate::config::MechanicsConfig;
+use crate::faults::LineCounts;
 use crate::link::SimulatedLink;
+use crate::wire::LineConfig;
 use crate::world::World;
 
 /// An idle host is heard this often, µs.
@@ -37,6 +39,15 @@ pub struct Step {
     pub up: bool,
     /// When, in virtual µs.
     pub at_us: u64,
+}
+
+/// A way of the link.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Way {
+    /// Requests.
+    ToController,
+    /// Answers and events.
+    ToHost,
 }
 
 /// A simulated rig. Clones are the same rig.
@@ -95,6 +106,16 @@ impl SimulatedRig {
         self.lock().last_exposure
     }
 
+    /// The truths of the exposures since they were last taken, in order.
+    pub fn take_exposures(&self) -> Vec<ExposureTruth> {
+        std::mem::take(&mut self.lock().new_exposures)
+    }
+
+    /// The level that the lamp burns at, 0 to 1; 0 when it is off.
+    pub fn lamp_level(&self) -> f64 {
+        self.lock().bench.lamp().level()
+    }
+
     /// The true angles now of pan, tilt, roll and light in radians, errors included. They mean something at rest.
     pub fn angles_rad(&self) -> [f64; 4] {
         self.lock().angles_rad()
@@ -110,6 +131,11 @@ impl SimulatedRig {
         let world = self.lock();
         world.bench.traced.store(true, Relaxed);
         world.bench.take_trace()
+    }
+
+    /// Where an axis's motor truly is, in steps.
+    pub fn motor_steps(&self, axis: Axis) -> i64 {
+        self.lock().bench.axes[axis.index()].motor_steps()
     }
 
     /// Whether the shutter is open.
@@ -143,6 +169,28 @@ impl SimulatedRig {
         let mut world = self.lock();
         world.bench.to_host.clear();
         world.unplugged = false;
+    }
+
+    /// Makes the link another line, both ways; it begins to count frames anew.
+    pub fn set_line(&self, config: &LineConfig) {
+        let world = self.lock();
+        world.bench.to_controller.set(config, 0);
+        world.bench.to_host.set(config, 1);
+    }
+
+    /// Frames that passed a line with faults since it was set, both ways.
+    pub fn line_counts(&self) -> LineCounts {
+        let world = self.lock();
+        world.bench.to_controller.counts() + world.bench.to_host.counts()
+    }
+
+    /// Has one way of the link lose `count` bytes once `after` more have passed: `u64::MAX` cuts it, 0 mends it.
+    pub fn lose_bytes(&self, way: Way, after: u64, count: u64) {
+        let world = self.lock();
+        match way {
+            Way::ToController => world.bench.to_controller.lose(after, count),
+            Way::ToHost => world.bench.to_host.lose(after, count),
+        }
     }
 
     /// Cuts the controller's power for a moment: it forgets configuration, positions and session.

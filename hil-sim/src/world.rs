@@ -17,6 +17,8 @@ pub(crate) struct World {
     shutter_opened_us: Option<u64>,
     exposures: u64,
     pub(crate) last_exposure: Option<ExposureTruth>,
+    /// Since somebody last took them.
+    pub(crate) new_exposures: Vec<ExposureTruth>,
     pub(crate) unplugged: bool,
 }
 
@@ -30,6 +32,7 @@ impl World {
             shutter_opened_us: None,
             exposures: 0,
             last_exposure: None,
+            new_exposures: Vec::new(),
             unplugged: false,
         }
     }
@@ -57,11 +60,11 @@ impl World {
         self.controller.keep_alive(self.bench.now_us());
     }
 
-    /// Lets time pass until `deadline_us`, or with `for_output` until the controller has sent something.
+    /// Lets time pass until `deadline_us`, or with `for_output` until the host has something to read.
     pub(crate) fn run_until(&mut self, deadline_us: u64, for_output: bool) {
-        while !for_output || self.bench.to_host.is_empty() {
+        while !for_output || self.bench.to_host.next_us() > self.bench.now_us() {
             let now = self.bench.now_us();
-            let next = self.controller.next_event_us().max(now).min(deadline_us.max(now));
+            let next = self.next_event_us(now).max(now).min(deadline_us.max(now));
             if next == now && now >= deadline_us {
                 return;
             }
@@ -69,6 +72,16 @@ impl World {
             self.controller.tick(next);
             self.watch_shutter();
         }
+    }
+
+    /// When something happens next that the controller or the host has to see.
+    fn next_event_us(&self, now: u64) -> u64 {
+        let Bench { to_controller, to_host, .. } = &*self.bench;
+        // A line that falls free lets an event go.
+        let free = Some(to_host.free_us()).filter(|&us| us > now).unwrap_or(u64::MAX);
+        let arrives = to_host.next_us();
+        let arrives = if arrives > now { arrives } else { u64::MAX };
+        self.controller.next_event_us().min(to_controller.next_us()).min(arrives).min(free)
     }
 
     /// Notes the truth of an exposure when the shutter closes.
@@ -80,13 +93,14 @@ impl World {
             Some(start_us) if !open => {
                 self.shutter_opened_us = None;
                 self.exposures += 1;
-                self.last_exposure = Some(ExposureTruth {
+                self.new_exposures.push(ExposureTruth {
                     sequence: self.exposures,
                     start_us,
                     open_s: (now - start_us) as f64 * 1e-6,
                     axes_rad: self.angles_rad(),
                     lamp_relative: self.bench.lamp().mean_relative(start_us, now),
                 });
+                self.last_exposure = self.new_exposures.last().copied();
             }
             _ => {}
         }

@@ -7,7 +7,7 @@ use std::time::Duration;
 
 use lobelia_hil_sim::{ExposureTruth, MechanicsConfig, SimulatedLink, SimulatedRig, serve_tcp};
 use lobelia_protocol::{
-    Answer, Axis, Command, Configuration, DriverParameters, DriverTrouble, Fault, FrameDecoder, Hello,
+    AXES, Answer, Axis, Command, Configuration, DriverParameters, DriverTrouble, Fault, FrameDecoder, Hello,
     Outcome, Refusal, Request, ToController, ToHost,
 };
 use proptest::prelude::*;
@@ -23,14 +23,20 @@ impl Host {
     fn ask(&mut self, command: Command) -> Outcome {
         let id = self.next_id;
         self.next_id += 1;
-        self.send(&ToController::Request(Request { session: 1, id, command }));
+        self.send(&ToController::Request(Request { session: 1, id, seen: id - 1, command }));
         loop {
             if let ToHost::Response(response) = self.receive()
                 && response.id == id
+                && response.outcome != Outcome::Running
             {
                 return response.outcome;
             }
         }
+    }
+
+    /// Sets a configuration and gives the outcome of the last of its requests.
+    fn configure(&mut self, configuration: &Configuration) -> Outcome {
+        configuration.commands().map(|command| self.ask(command))[AXES]
     }
 
     fn send(&mut self, packet: &ToController) {
@@ -57,9 +63,11 @@ fn start(config: &MechanicsConfig) -> (SimulatedRig, Host) {
     let mut host = Host { link: rig.link(), decoder: FrameDecoder::new(), next_id: 1 };
     host.send(&ToController::Hello(Hello::new(1)));
     host.receive();
-    for command in
-        [Command::Configure(config.configuration()), Command::Home, Command::Lamp { on: true, level: 65535 }]
-    {
+    // This host asks nothing while it waits for an answer.
+    let mut configuration = config.configuration();
+    (configuration.settings.lease_ms, configuration.settings.lamp_lease_ms) = (0, 0);
+    let rest = [Command::Home, Command::Lamp { on: true, level: 65535 }];
+    for command in configuration.commands().into_iter().chain(rest) {
         assert!(matches!(host.ask(command), Outcome::Done(_)));
     }
     (rig, host)
@@ -130,8 +138,11 @@ fn backlash_shows_when_the_take_up_is_shorter() {
     config.pan.backlash_deg = 0.5;
     let mut configuration = config.configuration();
     configuration.axes[0].take_up_steps = 0;
+    (configuration.settings.lease_ms, configuration.settings.lamp_lease_ms) = (0, 0);
     let (rig, mut host) = start(&config);
-    host.ask(Command::Configure(configuration));
+    for command in configuration.commands() {
+        host.ask(command);
+    }
     host.ask(Command::Home);
     let pan_deg = |host: &mut Host, steps| {
         host.ask(Command::MoveTo([steps, 0, 0, 20_000]));
@@ -208,7 +219,7 @@ fn drivers_registers_are_set_over_the_wire_and_again_before_homing() {
     let config = MechanicsConfig::ideal();
     let (rig, mut host) = start(&config);
     assert_eq!(rig.driver_register(Axis::Pan, 0x40), 0, "no driver is set up unless asked for");
-    assert_eq!(host.ask(Command::Configure(with_driver(&config))), Outcome::Done(Answer::Nothing));
+    assert_eq!(host.configure(&with_driver(&config)), Outcome::Done(Answer::Nothing));
     // Half of 1.77 A and a quarter; 16 microsteps, interpolated; the threshold.
     let registers = |axis| [0x10, 0x6C, 0x40].map(|register| rig.driver_register(axis, register));
     assert_eq!(registers(Axis::Pan), [7 | 15 << 8 | 8 << 16, 0x1400_0053, 60]);
@@ -220,7 +231,7 @@ fn drivers_registers_are_set_over_the_wire_and_again_before_homing() {
     rig.cut_driver_wire();
     let silent = Outcome::Refused(Refusal::Driver { axis: Axis::Pan, trouble: DriverTrouble::Silent });
     assert_eq!(host.ask(Command::Home), silent);
-    assert_eq!(host.ask(Command::Configure(with_driver(&config))), silent);
+    assert_eq!(host.configure(&with_driver(&config)), silent);
 }
 
 #[test]
@@ -230,7 +241,7 @@ fn motor_that_is_blocked_is_a_stall_only_to_a_driver_that_looks_for_it() {
         [(config.configuration(), Fault::HomingFailed), (with_driver(&config), Fault::Stall)]
     {
         let (rig, mut host) = start(&config);
-        assert_eq!(host.ask(Command::Configure(configuration)), Outcome::Done(Answer::Nothing));
+        assert_eq!(host.configure(&configuration), Outcome::Done(Answer::Nothing));
         // Without its switch homing runs into the stop.
         rig.break_home_switch(Axis::Pan);
         let Outcome::Refused(Refusal::Faulted(faults)) = host.ask(Command::Home) else {

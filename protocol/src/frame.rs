@@ -10,7 +10,7 @@ const CRC_BYTES: usize = 4;
 const DELIMITER: u8 = 0;
 
 /// Longest payload of a frame, in bytes.
-pub const MAX_PAYLOAD: usize = 384;
+pub const MAX_PAYLOAD: usize = 128;
 /// Longest body between the delimiters: COBS adds a byte for each 254 begun.
 const MAX_BODY: usize = cobs::max_encoding_length(MAX_PAYLOAD + CRC_BYTES);
 /// Longest frame with both delimiters, in bytes.

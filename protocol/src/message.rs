@@ -123,11 +123,9 @@ pub enum DriverTrouble {
     WriteLost,
 }
 
-/// All that the controller has to know of the rig.
+/// What the controller has to know of the rig besides its axes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-pub struct Configuration {
-    /// The axes: pan, tilt, roll, light.
-    pub axes: [AxisParameters; AXES],
+pub struct Settings {
     /// How long the lamp has to burn until it is warm, in s.
     pub lamp_warm_up_s: u16,
     /// In an exposure that needs the warm lamp, a mean reading of the photodiode below this, for full level, means that the lamp
@@ -147,18 +145,41 @@ pub struct Configuration {
     pub coordinated: bool,
 }
 
+/// All that the controller has to know of the rig. It is sent in parts, so that every frame is short.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Configuration {
+    /// The axes: pan, tilt, roll, light.
+    pub axes: [AxisParameters; AXES],
+    /// The rest.
+    pub settings: Settings,
+}
+
+impl Configuration {
+    /// The commands that set it, in order.
+    pub fn commands(&self) -> [Command; AXES + 1] {
+        core::array::from_fn(|k| match Axis::ALL.get(k) {
+            Some(&axis) => Command::PrepareAxis { axis, parameters: self.axes[k] },
+            None => Command::Configure(self.settings),
+        })
+    }
+}
+
 /// What the host asks for.
-// There is no heap to box a configuration on.
-#[expect(clippy::large_enum_variant)]
+///
+/// Requests are run one after the other, in the order of their ids: one that comes while another is being run waits for its
+/// turn, together with at most three more, and is answered as running meanwhile. A request that was sent before the host had
+/// seen that one before it was refused is skipped: it was meant for what did not come to be. [`Self::Status`], [`Self::Stop`], [`Self::Lamp`],
+/// [`Self::ClearFaults`], [`Self::Retarget`], [`Self::ReadAxis`], [`Self::ReadSettings`] and [`Self::Watch`] don't wait.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Command {
-    /// Sets the rig's parameters. Positions become unknown if they differ from those set.
-    Configure(Configuration),
+    /// Sets the rig's parameters: these, and of each axis those that were prepared in this session, or else those that it has.
+    /// Positions become unknown if anything differs from what was set.
+    Configure(Settings),
     /// Finds the home switches of all axes at once. Answered when done.
     Home,
     /// Moves all axes to absolute positions, in steps. Answered when all are there and settled.
     MoveTo([i32; AXES]),
-    /// Decelerates all axes to rest and closes the shutter. Positions stay known.
+    /// Decelerates all axes to rest and closes the shutter. Positions stay known. What waits is refused as stopped.
     Stop,
     /// Switches the lamp.
     Lamp {
@@ -167,7 +188,7 @@ pub enum Command {
         /// Level, of 65535.
         level: u16,
     },
-    /// Fires the shutter. Answered when it has closed.
+    /// Fires the shutter, 1 ms after it last closed or later. Answered when it has closed.
     Expose {
         /// Open time, µs.
         duration_us: u32,
@@ -178,8 +199,8 @@ pub enum Command {
     Status,
     /// Forgets the faults; positions stay unknown until the next homing.
     ClearFaults,
-    /// Like [`Self::MoveTo`], but also while a move is being run, which is then answered as stopped: axes whose new target lies ahead
-    /// go on to it, the others brake and turn.
+    /// Like [`Self::MoveTo`], but also while a move is being run, which is then answered as stopped, as is what waits: axes whose
+    /// new target lies ahead go on to it, the others brake and turn.
     Retarget([i32; AXES]),
     /// Homes like [`Self::Home`], but approaches each switch slowly so many times, 1 to 100, and reports how the edges scatter.
     HomeRepeatedly {
@@ -191,6 +212,36 @@ pub enum Command {
     CheckIndex,
     /// Stores the configuration, to be there after the next power-up.
     SaveParameters,
+    /// Keeps an axis's parameters for the next [`Self::Configure`] of this session, if they are in range; changes nothing else.
+    PrepareAxis {
+        /// Which axis.
+        axis: Axis,
+        /// Its parameters.
+        parameters: AxisParameters,
+    },
+    /// Asks for the parameters that are set of an axis.
+    ReadAxis(Axis),
+    /// Asks for the settings that are set.
+    ReadSettings,
+    /// From now on to the session's end, or the next of these, tells how things go as events.
+    Watch {
+        /// Between two events of telemetry, in ms, 20 at least; 0 for none.
+        telemetry_ms: u16,
+        /// Whether to tell what happens as log lines.
+        log: bool,
+    },
+}
+
+impl Command {
+    /// Whether it does more than to ask or to watch.
+    pub const fn acts(&self) -> bool {
+        !matches!(self, Self::Status | Self::ReadAxis(_) | Self::ReadSettings | Self::Watch { .. })
+    }
+
+    /// Whether it waits for its turn while another is being run.
+    pub const fn waits(&self) -> bool {
+        self.acts() && !matches!(self, Self::Stop | Self::Lamp { .. } | Self::ClearFaults | Self::Retarget(_))
+    }
 }
 
 /// A command with the id by which a repetition is known.
@@ -200,6 +251,8 @@ pub struct Request {
     pub session: u32,
     /// 1 for the session's first request, then one more for each; a repetition bears the same.
     pub id: u32,
+    /// The answers to all requests up to this id have come to the host; less than `id`, and at least `id` − 8.
+    pub seen: u32,
     /// What to do.
     pub command: Command,
 }
@@ -222,8 +275,7 @@ pub enum Outcome {
     Done(Answer),
     /// Not done, or given up.
     Refused(Refusal),
-    /// A repetition of the request that is being run, or one that waits until those before it have come: its answer comes
-    /// later.
+    /// It is being run, or waits for its turn or until those before it have come: its answer comes later.
     Running,
 }
 
@@ -242,6 +294,10 @@ pub enum Answer {
     Homed(HomingReport),
     /// Of each axis: by how many steps the position counted was above the true one.
     Checked([i32; AXES]),
+    /// An axis's parameters.
+    Axis(AxisParameters),
+    /// The settings.
+    Settings(Settings),
 }
 
 /// What repeated homing found.
@@ -286,7 +342,7 @@ pub enum Refusal {
         /// Which.
         field: Field,
     },
-    /// Another request is being run.
+    /// What is being run is no move, so it can't be given another target.
     Busy,
     /// An axis hasn't been homed.
     PositionUnknown(Axis),
@@ -301,7 +357,7 @@ pub enum Refusal {
     Faulted(Faults),
     /// The emergency stop is still pressed.
     EmergencyStopPressed,
-    /// Given up because of a stop.
+    /// Given up, or not begun, because of a stop.
     Stopped,
     /// The camera wasn't ready in time.
     CameraNotReady,
@@ -310,7 +366,8 @@ pub enum Refusal {
         /// By how much, µs.
         late_us: u32,
     },
-    /// The id is too far ahead of the last one: too many requests are in flight.
+    /// Too many requests are in flight: the id is too far ahead of the last one, or too many wait for their turn. Nothing came of
+    /// it, not even a mark on its id: it may be sent again.
     OutOfWindow,
     /// The controller has no memory for parameters, or it can't be written.
     NoStorage,
@@ -320,6 +377,11 @@ pub enum Refusal {
         axis: Axis,
         /// Why.
         trouble: DriverTrouble,
+    },
+    /// Not begun, because a request before it was refused and the host did not know that yet.
+    Skipped {
+        /// The one refused.
+        after: u32,
     },
 }
 
@@ -348,6 +410,8 @@ pub enum Field {
     FullTurn,
     /// `approaches` of repeated homing.
     Approaches,
+    /// A watch's `telemetry_ms`.
+    TelemetryPeriod,
 }
 
 /// How things stand.
@@ -365,6 +429,8 @@ pub struct Status {
     pub configured: bool,
     /// Whether a request is being run.
     pub busy: bool,
+    /// How many requests wait for their turn.
+    pub waiting: u8,
     /// The lamp.
     pub lamp: LampStatus,
     /// Faults not yet cleared.
@@ -410,11 +476,77 @@ pub struct CrashRecord {
     pub place: u32,
 }
 
-/// What the controller tells unasked.
+/// How things go, told at a period.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+pub struct Telemetry {
+    /// When, in the controller's time in µs.
+    pub at_us: u64,
+    /// Positions in steps.
+    pub positions: [i32; AXES],
+    /// The photodiode's reading in counts; not while the shutter is open.
+    pub photodiode: Option<u16>,
+    /// Frames received whole since the start.
+    pub frames: u32,
+    /// Frames received damaged since the start, which were passed over.
+    pub bad_frames: u32,
+    /// Events that were left out since the start, because too many waited.
+    pub dropped: u32,
+}
+
+/// Something that happened.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Happening {
+    /// A request was begun.
+    Began {
+        /// Which.
+        id: u32,
+    },
+    /// What a request began has ended, or it was refused.
+    Ended {
+        /// Which.
+        id: u32,
+        /// Whether as asked for.
+        done: bool,
+    },
+    /// The lamp was switched.
+    Lamp {
+        /// Burning or not.
+        on: bool,
+        /// Level, of 65535.
+        level: u16,
+    },
+    /// The faults were cleared.
+    FaultsCleared,
+    /// Damaged frames were passed over.
+    BadFrames {
+        /// How many since the start.
+        count: u32,
+    },
+    /// Log lines were left out here, because too many waited.
+    Dropped {
+        /// How many.
+        count: u32,
+    },
+}
+
+/// A line of the log.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+pub struct LogLine {
+    /// When, in the controller's time in µs.
+    pub at_us: u64,
+    /// What.
+    pub what: Happening,
+}
+
+/// What the controller tells unasked. An event is sent only while no answer waits, and not before the last one has left.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Event {
     /// A fault was raised.
     Fault(FaultReport),
     /// The controller crashed before it was started last. Told once, after a hello.
     Crashed(CrashRecord),
+    /// How things go, if the host watches. One that is overtaken by the next before it could be sent is left out.
+    Telemetry(Telemetry),
+    /// What happened, if the host watches.
+    Log(LogLine),
 }

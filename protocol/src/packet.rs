@@ -20,8 +20,6 @@ pub enum CodecError {
 }
 
 /// What the host sends.
-// There is no heap to box a configuration on, and one packet at a time.
-#[expect(clippy::large_enum_variant)]
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum ToController {
     /// Opens a session.

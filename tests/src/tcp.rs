@@ -61,6 +61,14 @@ impl ServedRig {
         Self { address, rig, truths }
     }
 
+    /// Waits until the server has noticed that its host is gone, from when on the rig's clock stands still.
+    pub fn wait_until_alone(&self) {
+        let mut last = None;
+        while last.replace(self.rig.now_us()) != Some(self.rig.now_us()) {
+            std::thread::sleep(Duration::from_millis(20));
+        }
+    }
+
     /// The truth of every exposure so far, in order.
     pub fn exposures(&self) -> Vec<ExposureTruth> {
         self.truths.lock().expect("no thread panicked").clone()

@@ -4,13 +4,16 @@
 
 use std::fs;
 use std::path::Path;
+use std::process::Stdio;
 use std::sync::atomic::Ordering;
+use std::time::{Duration, Instant};
 
 use lobelia::plan::Plan;
+use lobelia::rig::RigClient;
 use lobelia::rig::config::{AXIS_NAMES, RigConfig};
-use lobelia_hil_sim::{ExposureTruth, FaultRates};
-use lobelia_protocol::Axis;
-use lobelia_tests::command::{Said, run};
+use lobelia_hil_sim::{ExposureTruth, FaultRates, SimulatedRig};
+use lobelia_protocol::{Axis, Fault};
+use lobelia_tests::command::{Said, lobelia, run};
 use lobelia_tests::tcp::{self, ServedRig};
 use lobelia_tests::{folder, small};
 
@@ -76,7 +79,7 @@ fn a_run_over_tcp_photographs_every_pose_of_the_plan_once() {
 fn a_line_that_spoils_bytes_costs_time_and_never_makes_a_wrong_move() {
     let (folder, rig, plan) = inputs(5);
     let served = ServedRig::start(&rig, &folder.path().join("photos"));
-    let rates = FaultRates { lost: 1e-3, flipped: 2e-3, doubled: 1e-3 };
+    let rates = FaultRates { lost: 1e-3, flipped: 2e-3, doubled: 1e-3, ..Default::default() };
     let line = tcp::bad_line(served.address, rates, 3);
     let said = acquire(folder.path(), &tcp::port(line), &NEW_RUN);
     assert_eq!(said.code, Some(0), "{said:?}");
@@ -89,7 +92,7 @@ fn a_line_that_spoils_bytes_costs_time_and_never_makes_a_wrong_move() {
 fn a_line_on_which_nothing_gets_through_is_a_failure_and_nothing_moves() {
     let (folder, rig, _) = inputs(2);
     let served = ServedRig::start(&rig, &folder.path().join("photos"));
-    let rates = FaultRates { lost: 0.2, flipped: 0.4, doubled: 0.2 };
+    let rates = FaultRates { lost: 0.2, flipped: 0.4, doubled: 0.2, ..Default::default() };
     let line = tcp::bad_line(served.address, rates, 5);
     let before = folder::listing(folder.path());
     acquire(folder.path(), &tcp::port(line), &NEW_RUN).refuses(1, &["does not answer", "--resume"]);
@@ -111,4 +114,81 @@ fn a_cable_pulled_out_is_a_failure_that_a_resumed_run_makes_good() {
     assert_eq!(said.code, Some(0), "{said:?}");
     let frames = folder::listing(&folder.path().join("run/frames"));
     assert_eq!(frames.len(), all, "{frames:?}");
+}
+
+/// The lease of the rigs whose hosts are killed, and the lamp's safe level.
+const LEASE_S: f64 = 2.0;
+const SAFE_LEVEL: f64 = 0.25;
+/// An axis at its highest speed is at rest after this: 60°/s at 120°/s² and 1200°/s³.
+const BRAKING_US: u64 = 700_000;
+
+/// Starts a run on a new rig and kills it after a time, if it has not ended; gives the rig, and how long the process lived.
+fn killed_after(time: Duration) -> (SimulatedRig, Duration) {
+    let (folder, mut rig, plan) = inputs(3);
+    (rig.motion.lease_s, rig.lamp.lease_s, rig.lamp.safe_level) = (LEASE_S, LEASE_S, SAFE_LEVEL);
+    small::write_inputs(folder.path(), &rig, &plan);
+    let served = ServedRig::start(&rig, &folder.path().join("photos"));
+    let port = tcp::port(served.address);
+    let arguments = ["acquire", "-o", "run", "--camera", "watch:photos", "--port", &port];
+    let start = Instant::now();
+    let mut host = lobelia(folder.path(), &[&arguments[..], &NEW_RUN].concat());
+    let mut host = host.stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap();
+    while start.elapsed() < time && host.try_wait().unwrap().is_none() {
+        std::thread::sleep(Duration::from_millis(1));
+    }
+    host.kill().unwrap();
+    host.wait().unwrap();
+    let lived = start.elapsed();
+    served.wait_until_alone();
+    (served.rig, lived)
+}
+
+fn steps(rig: &SimulatedRig) -> [u64; 4] {
+    Axis::ALL.map(|axis| rig.steps_received(axis))
+}
+
+/// A rig whose host has just died is safe once the lease is over, and at rest once it has braked. True if there was anything to make
+/// safe by then.
+fn assert_safe_within_the_lease(rig: &SimulatedRig) -> bool {
+    let end_us = rig.now_us() + (LEASE_S * 1e6) as u64;
+    rig.abandon_until_us(end_us - 20_000);
+    let before = steps(rig);
+    rig.abandon_until_us(end_us - 1);
+    let endangered = rig.lamp_level() > SAFE_LEVEL || steps(rig) != before;
+    rig.abandon_until_us(end_us + 1);
+    assert!(rig.lamp_level() <= SAFE_LEVEL + 1e-4, "the lamp burns at {}", rig.lamp_level());
+    assert!(!rig.shutter_open(), "the shutter is open");
+    rig.abandon_until_us(end_us + BRAKING_US);
+    let rest = steps(rig);
+    rig.abandon_until_us(end_us + 60_000_000);
+    assert_eq!(steps(rig), rest, "an axis still moved");
+    let mut client = RigClient::connect(Box::new(rig.link())).unwrap();
+    let faults = client.status().unwrap().faults;
+    assert!(!endangered || faults.contains(Fault::LeaseExpired), "no fault is latched");
+    endangered
+}
+
+fn kill_hosts(kills: u32) {
+    let (rig, whole) = killed_after(Duration::from_secs(60));
+    assert_safe_within_the_lease(&rig);
+    let mut endangered = 0;
+    for kill in 0..kills {
+        // The golden ratio spreads the instants over the run; where in a move they fall is chance.
+        let part = (f64::from(kill) * 0.618_034 + 0.3).fract();
+        let (rig, _) = killed_after(whole.mul_f64(part));
+        endangered += u32::from(assert_safe_within_the_lease(&rig));
+    }
+    println!("{kills} kills over {whole:?}: {endangered} times the lease made the rig safe");
+    assert!(2 * endangered > kills, "too few kills in mid-run to show anything: {endangered}");
+}
+
+#[test]
+fn a_host_killed_in_mid_run_leaves_the_rig_safe_within_the_lease() {
+    kill_hosts(4);
+}
+
+#[test]
+#[ignore = "long: minutes"]
+fn a_hundred_hosts_killed_at_random_instants_leave_the_rig_safe_within_the_lease() {
+    kill_hosts(100);
 }

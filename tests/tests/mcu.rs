@@ -6,7 +6,7 @@
 use lobelia::rig::trace::{self, Recorder};
 use lobelia::rig::{RigClient, replay};
 use lobelia_hil_sim::{MechanicsConfig, SimulatedRig};
-use lobelia_protocol::{AxisParameters, Configuration, CrashCause, Fault, HomeDirection};
+use lobelia_protocol::{AxisParameters, Configuration, CrashCause, Fault, HomeDirection, Settings};
 use lobelia_tests::qemu::{Machine, Qemu, TracedPort, program};
 
 const LM3S6965: Machine =
@@ -49,13 +49,15 @@ fn configuration() -> Configuration {
     // Without leases: emulated time runs as fast as it can, whatever the host does meanwhile.
     Configuration {
         axes,
-        lamp_warm_up_s: 1,
-        lamp_least_reading: 0,
-        lease_ms: 0,
-        lamp_lease_ms: 0,
-        lamp_safe_level: 0,
-        camera_wait_ms: 0,
-        coordinated: true,
+        settings: Settings {
+            lamp_warm_up_s: 1,
+            lamp_least_reading: 0,
+            lease_ms: 0,
+            lamp_lease_ms: 0,
+            lamp_safe_level: 0,
+            camera_wait_ms: 0,
+            coordinated: true,
+        },
     }
 }
 

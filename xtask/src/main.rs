@@ -15,6 +15,7 @@ const HELP: &str = "cargo xtask TASK
   firmware [--board lm3s6965|stm32f405] [--update] [--rates]
           builds the boards' programs with clippy, prints and checks their sizes (--update renews the snapshot);
           --rates counts the instructions of a step
+  link-table  measures sessions on bad lines on the simulated rig's clock, and writes them into docs/link.md
   flash [--board B] [--probe VID:PID[:SERIAL]]
           writes a board's program, the stm32f405's unless told otherwise, by probe-rs, and leaves stored parameters as they are
   help    this text
@@ -29,6 +30,7 @@ fn main() -> ExitCode {
         Some("test") => test(),
         Some("long") => long(),
         Some("firmware") => firmware::task(std::env::args().skip(2)),
+        Some("link-table") => link_table(),
         Some("flash") => firmware::flash(std::env::args().skip(2)),
         Some("help" | "--help" | "-h") | None => {
             println!("{HELP}");
@@ -73,6 +75,12 @@ fn test() -> Result<()> {
 fn long() -> Result<()> {
     step("the lobelia command", &["build", "--release", "--package", "lobelia", "--quiet"], &[])?;
     step("long sweeps", &["test", "--release", "--workspace", "--", "--ignored"], &[])
+}
+
+/// The tables of docs/link.md.
+fn link_table() -> Result<()> {
+    let example = ["run", "--release", "--quiet", "--package", "lobelia", "--example", "link_table"];
+    step("sessions on bad lines", &[&example[..], &["--", "docs/link.md"]].concat(), &[])
 }
 
 /// Runs cargo with some arguments and environment, telling what for.

@@ -24,8 +24,8 @@ impl<B: Board> Controller<B> {
         if warm_lamp && !lamp.warm {
             return Err(Refusal::LampNotWarm { remaining_s: lamp.on.then_some(lamp.remaining_s) }.into());
         }
-        let wait_ms = self.configuration.map_or(0, |configuration| configuration.camera_wait_ms);
-        let until_us = now_us + u64::from(wait_ms) * 1000;
+        let wait_ms = self.configuration.map_or(0, |configuration| configuration.settings.camera_wait_ms);
+        let until_us = now_us.max(self.shutter.rested_us()) + u64::from(wait_ms) * 1000;
         let task = self.open_when_ready(now_us, (until_us, duration_us, warm_lamp))?;
         Ok(task.ok_or(Refusal::CameraNotReady)?)
     }
@@ -36,6 +36,10 @@ impl<B: Board> Controller<B> {
         now_us: u64,
         (until_us, duration_us, warm_lamp): (u64, u32, bool),
     ) -> Result<Option<Task>, PinFailure> {
+        let look_us = self.shutter.rested_us();
+        if now_us < look_us {
+            return Ok(Some(Task::AwaitCamera { look_us, until_us, duration_us, warm_lamp }));
+        }
         let ready = self.options.camera_ready.as_mut().map_or(Ok(true), is_high)?;
         if ready {
             self.shutter.open(now_us, duration_us)?;
@@ -63,14 +67,17 @@ impl<B: Board> Controller<B> {
 
     /// Whether the lamp should have been brighter than this.
     fn is_dark(&self, now_us: u64, reference_q8: u32) -> bool {
-        let least = self.configuration.map_or(0, |configuration| configuration.lamp_least_reading);
+        let least = self.configuration.map_or(0, |configuration| configuration.settings.lamp_least_reading);
         let level = self.lamp_status(now_us).level;
         let least_q8 = (u64::from(least) << 8) * u64::from(level) / u64::from(u16::MAX);
         u64::from(reference_q8) < least_q8
     }
 
     pub(super) fn lamp_status(&self, now_us: u64) -> LampStatus {
-        self.lamp.status(now_us, self.configuration.map_or(0, |configuration| configuration.lamp_warm_up_s))
+        self.lamp.status(
+            now_us,
+            self.configuration.map_or(0, |configuration| configuration.settings.lamp_warm_up_s),
+        )
     }
 
     /// Looks at the temperature input, where there is one.

@@ -94,7 +94,7 @@ impl<B: Board> Controller<B> {
         let positions = self.positions();
         let mut plans: [Plan; AXES] =
             array::from_fn(|k| self.axes[k].plan(positions[k], targets[k], &configuration.axes[k]));
-        if configuration.coordinated {
+        if configuration.settings.coordinated {
             let slowest = plans.iter().map(Plan::total).max().unwrap_or(0);
             plans = plans.map(|plan| plan.stretched(slowest));
         }
@@ -126,9 +126,10 @@ impl<B: Board> Controller<B> {
         if let Some(Running { request: Some(id), .. }) = self.running.take() {
             self.link.answer(id, Outcome::Refused(Refusal::Stopped));
         }
+        self.refuse_waiting(now_us, Refusal::Stopped);
         // Axes that go on alone would not arrive with the others.
         for ((axis, p), target) in self.axes.iter_mut().zip(&configuration.axes).zip(targets) {
-            if configuration.coordinated || !axis.redirect(&mut self.pulses, now_us, target, p) {
+            if configuration.settings.coordinated || !axis.redirect(&mut self.pulses, now_us, target, p) {
                 axis.stop(now_us);
             }
         }

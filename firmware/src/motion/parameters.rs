@@ -17,12 +17,13 @@ const MAX_TAKE_UP: u32 = 1 << 20;
 
 /// Checks a configuration.
 pub(crate) fn validate(configuration: &Configuration) -> Result<(), Refusal> {
-    for (axis, parameters) in Axis::ALL.into_iter().zip(&configuration.axes) {
-        if let Some(field) = bad_field(parameters) {
-            return Err(Refusal::BadParameter { axis: Some(axis), field });
-        }
-    }
-    Ok(())
+    Axis::ALL.into_iter().zip(&configuration.axes).try_for_each(|(axis, p)| validate_axis(axis, p))
+}
+
+/// Checks one axis's parameters.
+pub(crate) fn validate_axis(axis: Axis, parameters: &AxisParameters) -> Result<(), Refusal> {
+    let bad = |field| Refusal::BadParameter { axis: Some(axis), field };
+    bad_field(parameters).map_or(Ok(()), |field| Err(bad(field)))
 }
 
 fn bad_field(p: &AxisParameters) -> Option<Field> {

@@ -35,4 +35,8 @@ impl ByteLink for RingLink {
         (self.wake)();
         done
     }
+
+    fn is_idle(&self) -> bool {
+        self.to_send.is_empty()
+    }
 }

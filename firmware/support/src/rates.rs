@@ -8,7 +8,7 @@
 use lobelia_firmware::{Board, Controller, Peripherals};
 use lobelia_protocol::{
     AXES, AxisParameters, Command, Configuration, FrameDecoder, Hello, HomeDirection, Outcome, Request,
-    ToController, ToHost,
+    Settings, ToController, ToHost,
 };
 
 use core::sync::atomic::Ordering;
@@ -62,7 +62,12 @@ impl<B: Board> Session<B> {
         serve: &mut impl FnMut(u32) -> Option<u32>,
     ) -> Option<(u32, u64)> {
         self.last_id += 1;
-        self.send(&ToController::Request(Request { session: 1, id: self.last_id, command }));
+        self.send(&ToController::Request(Request {
+            session: 1,
+            id: self.last_id,
+            seen: self.last_id - 1,
+            command,
+        }));
         let cost = self.run(counter, serve);
         self.done().then_some(cost)
     }
@@ -151,13 +156,15 @@ fn configuration() -> Configuration {
     });
     Configuration {
         axes,
-        lamp_warm_up_s: 0,
-        lamp_least_reading: 0,
-        lease_ms: 0,
-        lamp_lease_ms: 0,
-        lamp_safe_level: 0,
-        camera_wait_ms: 0,
-        coordinated: false,
+        settings: Settings {
+            lamp_warm_up_s: 0,
+            lamp_least_reading: 0,
+            lease_ms: 0,
+            lamp_lease_ms: 0,
+            lamp_safe_level: 0,
+            camera_wait_ms: 0,
+            coordinated: false,
+        },
     }
 }
 
@@ -177,7 +184,7 @@ pub fn measure<B: Board>(
     session.send(&ToController::Hello(Hello::new(1)));
     session.run(&mut counter, &mut serve);
     let at = [START; AXES];
-    for command in [Command::Configure(configuration()), Command::Home, Command::MoveTo(at)] {
+    for command in configuration().commands().into_iter().chain([Command::Home, Command::MoveTo(at)]) {
         if session.request(command, &mut counter, &mut serve).is_none() {
             return false;
         }

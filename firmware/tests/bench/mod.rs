@@ -18,7 +18,7 @@ use lobelia_firmware::{
 };
 use lobelia_protocol::{
     AxisParameters, Command, Configuration, CrashCause, CrashRecord, FrameDecoder, Hello, HomeDirection,
-    Outcome, Refusal, Request, Response, ToController, ToHost,
+    Outcome, Refusal, Request, Response, Settings, ToController, ToHost,
 };
 
 /// Where the home switch closes, in motor steps from where the rig was switched on.
@@ -42,6 +42,8 @@ pub(crate) struct Bench {
     pub(crate) stalled: [bool; 4],
     pub(crate) hot: bool,
     pub(crate) diode_broken: bool,
+    /// What the controller wrote has not left yet.
+    pub(crate) line_busy: bool,
     /// The link takes no bytes from the controller.
     pub(crate) line_stuck: bool,
     pub(crate) lamp_level: u16,
@@ -199,6 +201,9 @@ impl ByteLink for Wire {
         }
         !bench.line_stuck
     }
+    fn is_idle(&self) -> bool {
+        !self.0.borrow().line_busy
+    }
 }
 
 /// A controller on its bench, and a host that talks to it.
@@ -261,9 +266,9 @@ impl Rig {
     /// With a session, and configured.
     pub(crate) fn greeted(configuration: Configuration) -> Self {
         let mut rig = Self::new();
-        rig.send(&ToController::Hello(Hello::new(SESSION)));
-        rig.received();
-        assert!(matches!(rig.ask(Command::Configure(configuration)), Outcome::Done(_)));
+        rig.open(SESSION);
+        assert!(matches!(rig.configure(configuration), Outcome::Done(_)));
+        rig.reopen();
         rig
     }
 
@@ -271,13 +276,36 @@ impl Rig {
     pub(crate) fn homed() -> Self {
         let mut rig = Self::greeted(configuration());
         assert!(matches!(rig.ask(Command::Home), Outcome::Done(_)));
+        rig.reopen();
         rig.bench.borrow_mut().steps = Default::default();
         rig
+    }
+
+    fn open(&mut self, session: u32) {
+        self.send(&ToController::Hello(Hello::new(session)));
+        self.received();
+        self.next_id = 1;
+    }
+
+    /// Opens the session anew, so that a test's first request bears the id 1.
+    fn reopen(&mut self) {
+        self.open(!SESSION);
+        self.open(SESSION);
     }
 
     pub(crate) fn send(&mut self, packet: &ToController) {
         self.bench.borrow_mut().to_controller.extend(packet.encode().unwrap());
         self.poll();
+    }
+
+    pub(crate) fn send_bytes(&mut self, bytes: &[u8]) {
+        self.deliver(bytes);
+        self.poll();
+    }
+
+    /// Puts bytes before the controller, which looks at them when it is polled next.
+    pub(crate) fn deliver(&mut self, bytes: &[u8]) {
+        self.bench.borrow_mut().to_controller.extend(bytes);
     }
 
     pub(crate) fn poll(&mut self) {
@@ -289,8 +317,15 @@ impl Rig {
     pub(crate) fn begin(&mut self, command: Command) -> u32 {
         let id = self.next_id;
         self.next_id += 1;
-        self.send(&ToController::Request(Request { session: SESSION, id, command }));
+        self.send(&ToController::Request(Request { session: SESSION, id, seen: id - 1, command }));
         id
+    }
+
+    /// Sets all parameters; gives the first refusal, or the last answer.
+    pub(crate) fn configure(&mut self, configuration: Configuration) -> Outcome {
+        let outcomes = configuration.commands().map(|command| self.ask(command));
+        let refused = |outcome: &Outcome| matches!(outcome, Outcome::Refused(_));
+        outcomes.into_iter().find(refused).unwrap_or(outcomes[4])
     }
 
     /// Sends a command and lets time pass until it is answered.
@@ -305,6 +340,7 @@ impl Rig {
             for packet in self.received() {
                 if let ToHost::Response(Response { id: answered, outcome, .. }) = packet
                     && answered == id
+                    && outcome != Outcome::Running
                 {
                     return outcome;
                 }
@@ -316,7 +352,9 @@ impl Rig {
     /// The outcome of a request, if it has come by now.
     pub(crate) fn answered(&mut self, id: u32) -> Option<Outcome> {
         self.received().into_iter().find_map(|packet| match packet {
-            ToHost::Response(response) if response.id == id => Some(response.outcome),
+            ToHost::Response(response) if response.id == id && response.outcome != Outcome::Running => {
+                Some(response.outcome)
+            }
             _ => None,
         })
     }
@@ -392,12 +430,14 @@ pub(crate) fn configuration() -> Configuration {
     };
     Configuration {
         axes: [axis(2000, 4000), axis(1000, 20_000), axis(300, 100), axis(20_000, 50_000)],
-        lamp_warm_up_s: 10,
-        lamp_least_reading: 300,
-        lease_ms: 0,
-        lamp_lease_ms: 0,
-        lamp_safe_level: 0,
-        camera_wait_ms: 50,
-        coordinated: true,
+        settings: Settings {
+            lamp_warm_up_s: 10,
+            lamp_least_reading: 300,
+            lease_ms: 0,
+            lamp_lease_ms: 0,
+            lamp_safe_level: 0,
+            camera_wait_ms: 50,
+            coordinated: true,
+        },
     }
 }

@@ -2,36 +2,38 @@
 //!
 //! A request is sent again whenever nothing came for a while. The controller runs each id once and answers repetitions from
 //! memory, or says that it is still at it; so a lost byte costs time and nothing else. The client keeps no clock: it
-//! counts reads that timed out, so it works alike on real and virtual time. It speaks in motor steps.
+//! counts reads that timed out, so it works alike on real and virtual time. On a real port a thread keeps the controller's
+//! lease while the client isn't used. It speaks in motor steps.
 
 use std::collections::VecDeque;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
 use lobelia_protocol::{
-    Answer, Command, Configuration, CrashRecord, Event, Exposure, FaultReport, Hello, HomingReport, Outcome,
-    Refusal, Request, Status, ToController, ToHost, Verdict,
+    AXES, Answer, Axis, Command, Configuration, CrashRecord, Event, Exposure, FaultReport, Hello,
+    HomingReport, Outcome, Refusal, Request, Status, ToController, ToHost, Verdict,
 };
 
 use crate::error::{Error, Result};
 use crate::rig::explain;
+use crate::rig::keep_alive::{self, KeepAlive};
+use crate::rig::monitor;
 use crate::rig::port::Port;
 use crate::rig::trace::{Recorder, Step};
 use crate::rig::wire::Wire;
 
 /// After this long without an answer a request is sent again.
 const PATIENCE: Duration = Duration::from_millis(300);
-/// While it waits, the client asks something this often: well within the controller's lease.
-const KEEP_ALIVE: Duration = Duration::from_millis(500);
 /// A fault's report follows the refusal within this time.
 const REPORT_PATIENCE: Duration = Duration::from_millis(100);
 /// After this many repetitions without a word from the controller the link counts as dead.
 const REPETITIONS: u32 = 40;
-/// Events kept until someone asks for them.
+/// Events kept until someone asks for them; the oldest make room.
 const EVENTS: usize = 256;
 
 /// A session with a rig's controller.
 pub struct RigClient {
-    wire: Wire,
+    wire: Arc<Mutex<Wire>>,
     session: u32,
     last_id: u32,
     faults: Vec<FaultReport>,
@@ -41,6 +43,8 @@ pub struct RigClient {
     /// The steps that the last request caused, where they are looked at and the port can tell them.
     steps: Option<Vec<Step>>,
     interrupted: Option<Box<dyn Fn() -> bool + Send>>,
+    repetitions: u64,
+    keep_alive: Option<KeepAlive>,
 }
 
 impl std::fmt::Debug for RigClient {
@@ -57,7 +61,7 @@ impl RigClient {
 
     fn connect_with(port: Box<dyn Port>, hello: Hello) -> Result<Self> {
         let mut client = Self {
-            wire: Wire::new(port),
+            wire: Arc::new(Mutex::new(Wire::new(port))),
             session: hello.session,
             last_id: 0,
             faults: Vec::new(),
@@ -66,21 +70,38 @@ impl RigClient {
             recorder: None,
             steps: None,
             interrupted: None,
+            repetitions: 0,
+            keep_alive: None,
         };
-        for _ in 0..REPETITIONS {
-            client.wire.send(&ToController::Hello(hello))?;
-            while let Some(packet) = client.receive(PATIENCE)? {
+        for repetition in 0..REPETITIONS {
+            client.repetitions += u64::from(repetition > 0);
+            client.wire().send(&ToController::Hello(hello))?;
+            let mut patience = Patience::of(PATIENCE);
+            while let Some(packet) = client.receive_patiently(&mut patience)? {
                 let ToHost::Hello(reply) = packet else { continue };
                 if reply.hello.session != hello.session {
                     continue;
                 }
-                return match reply.verdict {
-                    Verdict::Accepted => Ok(client),
-                    Verdict::DifferentSchema => Err(explain::different_schema(&reply)),
-                };
+                if reply.verdict == Verdict::DifferentSchema {
+                    return Err(explain::different_schema(&reply));
+                }
+                if client.wire().is_real_time() {
+                    let wire = Arc::clone(&client.wire);
+                    client.keep_alive = Some(KeepAlive::start(wire, hello.session, keep_alive::PERIOD));
+                }
+                return Ok(client);
             }
         }
         Err(silent())
+    }
+
+    fn wire(&self) -> MutexGuard<'_, Wire> {
+        self.wire.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// How often something had to be sent again so far.
+    pub fn repetitions(&self) -> u64 {
+        self.repetitions
     }
 
     /// While a request that takes time is run, asks this now and then; when it says true, stops the rig and fails.
@@ -98,7 +119,8 @@ impl RigClient {
 
     /// From now on asks the port, if it can tell, for the steps that each request causes.
     pub(crate) fn look_at_steps(&mut self) {
-        self.steps = self.wire.steps();
+        let steps = self.wire().steps();
+        self.steps = steps;
     }
 
     /// The steps that the last request caused, where they are looked at and the port can tell them.
@@ -108,7 +130,36 @@ impl RigClient {
 
     /// Sets the rig's parameters. Positions stay known if the controller had the same ones already.
     pub fn configure(&mut self, configuration: &Configuration) -> Result<()> {
-        self.call(Command::Configure(*configuration)).map(|_| ())
+        for command in configuration.commands() {
+            self.call(command)?;
+        }
+        Ok(())
+    }
+
+    /// The parameters that the controller has; nothing when it has none.
+    pub fn read_parameters(&mut self) -> Result<Option<Configuration>> {
+        let settings = match self.ask(Command::ReadSettings)? {
+            Outcome::Done(Answer::Settings(settings)) => settings,
+            Outcome::Refused(Refusal::NotConfigured) => return Ok(None),
+            Outcome::Refused(refusal) => return Err(self.refused(refusal)),
+            _ => return Err(out_of_place()),
+        };
+        let mut axes = Vec::with_capacity(AXES);
+        for axis in Axis::ALL {
+            match self.call(Command::ReadAxis(axis))? {
+                Answer::Axis(parameters) => axes.push(parameters),
+                _ => return Err(out_of_place()),
+            }
+        }
+        let axes = axes.try_into().map_err(|_| out_of_place())?;
+        Ok(Some(Configuration { axes, settings }))
+    }
+
+    /// Has the controller tell events from now on, see [`Self::listen`]: telemetry so often, if at all, and log lines.
+    pub fn watch(&mut self, telemetry: Option<Duration>, log: bool) -> Result<()> {
+        let milliseconds = |period: Duration| period.as_millis().clamp(20, u16::MAX.into()) as u16;
+        let telemetry_ms = telemetry.map_or(0, milliseconds);
+        self.call(Command::Watch { telemetry_ms, log }).map(|_| ())
     }
 
     /// Has the controller keep the parameters set, to be there after the next power-up.
@@ -212,12 +263,16 @@ impl RigClient {
     pub fn pause(&mut self, time: Duration) -> Result<()> {
         let mut left = time;
         while !left.is_zero() {
-            let part = left.min(KEEP_ALIVE);
+            let part = left.min(keep_alive::PERIOD);
             left -= part;
             self.note_pause(part)?;
+            let mut patience = Patience::of(part);
             while let Some(packet) = self.receive(part)? {
                 if let ToHost::Event(Event::Fault(report)) = packet {
                     return Err(Error::failure(explain::fault_report(&report)));
+                }
+                if patience.is_over(&packet) {
+                    break;
                 }
             }
             if !left.is_zero() {
@@ -268,17 +323,24 @@ impl RigClient {
     pub fn ask(&mut self, command: Command) -> Result<Outcome> {
         self.last_id += 1;
         let id = self.last_id;
-        let packet = ToController::Request(Request { session: self.session, id, command });
+        let packet = ToController::Request(Request { session: self.session, id, seen: id - 1, command });
         let mut silence = 0;
+        // Whether the last time that it was sent nothing was said about it: it is a lost frame then, and no mere question.
+        let mut unheard = false;
         while silence < REPETITIONS {
-            self.wire.send(&packet)?;
+            self.wire().send(&packet)?;
+            self.repetitions += u64::from(unheard);
+            unheard = true;
             silence += 1;
-            while let Some(received) = self.receive(PATIENCE)? {
+            let mut patience = Patience::of(PATIENCE);
+            while let Some(received) = self.receive_patiently(&mut patience)? {
                 silence = 0;
                 let ToHost::Response(response) = received else { continue };
-                if (response.session, response.id) != (self.session, id)
-                    || response.outcome == Outcome::Running
-                {
+                if (response.session, response.id) != (self.session, id) {
+                    continue;
+                }
+                unheard = false;
+                if response.outcome == Outcome::Running {
                     continue;
                 }
                 if self.steps.is_some() {
@@ -315,19 +377,46 @@ impl RigClient {
         }
     }
 
+    /// The next packet in answer to something sent, or nothing once that should be sent again.
+    fn receive_patiently(&mut self, patience: &mut Patience) -> Result<Option<ToHost>> {
+        let packet = self.receive(PATIENCE)?;
+        Ok(packet.filter(|packet| !patience.is_over(packet)))
+    }
+
     /// The next packet, or nothing if none comes in time; events are kept.
     fn receive(&mut self, timeout: Duration) -> Result<Option<ToHost>> {
-        let packet = self.wire.receive(timeout)?;
+        let packet = self.wire().receive(timeout)?;
         if let Some(ToHost::Event(event)) = packet {
             match event {
                 Event::Fault(report) => self.faults.push(report),
                 Event::Crashed(record) => self.crash = Some(record),
+                Event::Telemetry(_) | Event::Log(_) => {}
             }
-            if self.events.len() < EVENTS {
-                self.events.push_back(event);
+            if self.events.len() == EVENTS {
+                self.events.pop_front();
             }
+            self.events.push_back(event);
         }
         Ok(packet)
+    }
+}
+
+/// Tells by the events that come that a time is over, since while they come no wait for a packet ends.
+struct Patience {
+    limit: Duration,
+    /// Controller's time of the first event.
+    since_us: Option<u64>,
+}
+
+impl Patience {
+    fn of(limit: Duration) -> Self {
+        Self { limit, since_us: None }
+    }
+
+    fn is_over(&mut self, packet: &ToHost) -> bool {
+        let ToHost::Event(event) = packet else { return false };
+        let Some(at_us) = monitor::time_us(event) else { return false };
+        at_us.saturating_sub(*self.since_us.get_or_insert(at_us)) > self.limit.as_micros() as u64
     }
 }
 

@@ -2,7 +2,7 @@
 //!
 //! Lengths in mm, angles in degrees, times in seconds, as the key names say.
 
-use lobelia_protocol::{AxisParameters, Configuration, DriverParameters, HomeDirection};
+use lobelia_protocol::{AxisParameters, Configuration, DriverParameters, HomeDirection, Settings};
 use serde::{Deserialize, Serialize};
 
 mod check;
@@ -311,8 +311,8 @@ pub struct Lamp {
     pub reference_reading: f64,
     /// Time after switching on before it may be used.
     pub warm_up_s: f64,
-    /// The controller puts the lamp to its safe level when it hears nothing for this long; 0 for never. Longer than a camera
-    /// takes to hand over a photograph, during which nothing is asked of the controller.
+    /// The controller puts the lamp to its safe level when it hears nothing for this long; 0 for never. While a program of ours
+    /// holds the port, it is heard from every half second, whatever else it does.
     pub lease_s: f64,
     /// The lamp's level then, 0 to 1; at 0 it is switched off.
     pub safe_level: f64,
@@ -325,7 +325,7 @@ impl Default for Lamp {
             radiance: [1000.0, 1000.0, 1000.0],
             reference_reading: 3000.0,
             warm_up_s: 900.0,
-            lease_s: 60.0,
+            lease_s: 2.0,
             safe_level: 0.0,
         }
     }
@@ -495,14 +495,16 @@ impl RigConfig {
         let axes = axes.try_into().map_err(|_| crate::Error::input("rig.toml: there must be four axes"))?;
         Ok(Configuration {
             axes,
-            lamp_warm_up_s,
-            // A tenth of what the lamp should give.
-            lamp_least_reading: (self.lamp.reference_reading / 10.0) as u16,
-            lease_ms: milliseconds(self.motion.lease_s),
-            lamp_lease_ms: milliseconds(self.lamp.lease_s),
-            lamp_safe_level: (self.lamp.safe_level.clamp(0.0, 1.0) * 65535.0).round() as u16,
-            camera_wait_ms: 2000,
-            coordinated: self.motion.coordinated,
+            settings: Settings {
+                lamp_warm_up_s,
+                // A tenth of what the lamp should give.
+                lamp_least_reading: (self.lamp.reference_reading / 10.0) as u16,
+                lease_ms: milliseconds(self.motion.lease_s),
+                lamp_lease_ms: milliseconds(self.lamp.lease_s),
+                lamp_safe_level: (self.lamp.safe_level.clamp(0.0, 1.0) * 65535.0).round() as u16,
+                camera_wait_ms: 2000,
+                coordinated: self.motion.coordinated,
+            },
         })
     }
 }

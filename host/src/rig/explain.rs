@@ -21,9 +21,9 @@ pub(crate) fn refusal(refusal: Refusal) -> Error {
             let of = axis.map_or(String::new(), |axis| format!(" of {}", axis.name()));
             Error::input(format!("the rig's controller refuses {}{of}: {}", name(field), range(field)))
         }
-        Refusal::Busy => {
-            Error::failure("the rig's controller is still running another request; stop it first")
-        }
+        Refusal::Busy => Error::failure(
+            "the rig's controller is running what is no move, so it can't be given another target; stop it first",
+        ),
         Refusal::PositionUnknown(axis) => {
             Error::failure(format!("the position of {} is unknown; home the rig first", axis.name()))
         }
@@ -54,6 +54,9 @@ pub(crate) fn refusal(refusal: Refusal) -> Error {
             Error::failure("the rig's controller has no memory for parameters, or it can't be written")
         }
         Refusal::Driver { axis, trouble } => driver(axis, trouble),
+        Refusal::Skipped { after } => Error::failure(format!(
+            "the rig's controller did not begin a request, because request {after} before it was refused"
+        )),
         Refusal::Stopped => Error::failure("the rig was stopped before it had finished"),
     }
 }
@@ -136,6 +139,7 @@ fn name(field: Field) -> &'static str {
         Field::Jerk => "the jerk",
         Field::FullTurn => "the full turn",
         Field::Approaches => "the number of approaches",
+        Field::TelemetryPeriod => "the period of telemetry",
     }
 }
 
@@ -148,6 +152,7 @@ fn range(field: Field) -> &'static str {
         }
         Field::Jerk => "it has to be 1 to 1000000000 steps/s³",
         Field::Approaches => "it has to be 1 to 100",
+        Field::TelemetryPeriod => "it has to be 20 ms at least",
         Field::FullTurn => "a turn has to hold the limits and be over twice the take-up, in whole steps",
         Field::TakeUp => "it has to be at most 2^20 steps",
         Field::HomePosition => {

@@ -5,6 +5,7 @@ pub mod config;
 pub mod conformance;
 mod explain;
 pub mod geometry;
+mod keep_alive;
 pub mod monitor;
 pub mod port;
 pub mod replay;

@@ -1,6 +1,6 @@
 //! The event log: what a controller tells unasked, and what changed between two statuses, each with the controller's time.
 
-use lobelia_protocol::{Axis, CrashRecord, Event, Status};
+use lobelia_protocol::{Axis, CrashRecord, Event, Happening, LogLine, Status, Telemetry};
 
 use crate::rig::config::RigConfig;
 use crate::rig::explain;
@@ -11,10 +11,22 @@ pub fn line(time_us: u64, what: &str) -> String {
     format!("{:>14.6} s  {what}", time_us as f64 / 1e6)
 }
 
+/// When an event was told, in the controller's time in µs, if it says so.
+pub fn time_us(event: &Event) -> Option<u64> {
+    match event {
+        Event::Fault(report) => Some(report.at_us),
+        Event::Telemetry(telemetry) => Some(telemetry.at_us),
+        Event::Log(line) => Some(line.at_us),
+        Event::Crashed(_) => None,
+    }
+}
+
 /// The line of an event that came when the controller's clock was about `now_us`.
-pub fn event(event: &Event, now_us: u64) -> String {
+pub fn event(event: &Event, now_us: u64, config: &RigConfig) -> String {
     let report = match event {
         Event::Fault(report) => report,
+        Event::Telemetry(telemetry) => return line(telemetry.at_us, &self::telemetry(telemetry, config)),
+        Event::Log(LogLine { at_us, what }) => return line(*at_us, &happening(what)),
         Event::Crashed(CrashRecord { cause, place }) => {
             let what = format!("the controller had crashed before it was started: {cause:?} at {place:#x}");
             return line(now_us, &what);
@@ -23,6 +35,38 @@ pub fn event(event: &Event, now_us: u64) -> String {
     let of = report.axis.map_or(String::new(), |axis| format!(" ({})", axis.name()));
     let what = format!("fault: {}{of}: {}", fault_name(report.fault), explain::fault_report(report));
     line(report.at_us, &what)
+}
+
+fn telemetry(telemetry: &Telemetry, config: &RigConfig) -> String {
+    let mut text = String::new();
+    for axis in Axis::ALL {
+        let place = degrees(config, axis, telemetry.positions[axis.index()]);
+        text += &format!("{} {place:.3}° ", axis.name());
+    }
+    let reading = telemetry.photodiode.map_or("-".to_owned(), |counts| counts.to_string());
+    text += &format!("photodiode {reading}, frames {}", telemetry.frames);
+    if telemetry.bad_frames > 0 {
+        text += &format!(", damaged {}", telemetry.bad_frames);
+    }
+    if telemetry.dropped > 0 {
+        text += &format!(", events left out {}", telemetry.dropped);
+    }
+    text
+}
+
+fn happening(what: &Happening) -> String {
+    match what {
+        Happening::Began { id } => format!("request {id} begun"),
+        Happening::Ended { id, done: true } => format!("request {id} done"),
+        Happening::Ended { id, done: false } => format!("request {id} refused or given up"),
+        Happening::Lamp { on: true, level } => {
+            format!("lamp set to {:.1} %", 100.0 * f64::from(*level) / f64::from(u16::MAX))
+        }
+        Happening::Lamp { on: false, .. } => "lamp set off".to_owned(),
+        Happening::FaultsCleared => "faults cleared".to_owned(),
+        Happening::BadFrames { count } => format!("{count} frames came damaged since the start"),
+        Happening::Dropped { count } => format!("{count} log lines were left out here"),
+    }
 }
 
 /// The lines of what changed from one status to the next, at the time of the next.
@@ -82,6 +126,7 @@ mod tests {
             at_switch: [false; 4],
             configured: true,
             busy: false,
+            waiting: 0,
             lamp: LampStatus::default(),
             faults: Faults::NONE,
             emergency_stop: false,
@@ -109,7 +154,7 @@ mod tests {
     #[test]
     fn a_fault_is_one_line_with_its_own_time_and_axis() {
         let report = FaultReport { fault: Fault::LimitHit, axis: Some(Axis::Tilt), at_us: 12_345_678 };
-        let told = event(&Event::Fault(report), 0);
+        let told = event(&Event::Fault(report), 0, &RigConfig::default());
         assert!(told.starts_with("     12.345678 s  fault: limit hit (tilt): the tilt axis"), "{told}");
         assert_eq!(told.lines().count(), 1);
     }

@@ -22,6 +22,11 @@ pub trait Port: Read + Write + Send {
     fn steps(&mut self) -> Option<Vec<Step>> {
         None
     }
+
+    /// Whether the controller's clock goes on while nobody reads; not so on a virtual clock.
+    fn is_real_time(&self) -> bool {
+        true
+    }
 }
 
 impl Port for Box<dyn SerialPort> {
@@ -53,12 +58,20 @@ impl Port for lobelia_hil_sim::SimulatedLink {
         };
         Some(steps.into_iter().map(step).collect())
     }
+
+    fn is_real_time(&self) -> bool {
+        false
+    }
 }
 
 #[cfg(feature = "sim")]
 impl<P: Port> Port for lobelia_hil_sim::FaultyLink<P> {
     fn set_read_timeout(&mut self, timeout: Duration) -> io::Result<()> {
         self.inner_mut().set_read_timeout(timeout)
+    }
+
+    fn is_real_time(&self) -> bool {
+        self.inner().is_real_time()
     }
 }
 

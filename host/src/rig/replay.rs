@@ -198,6 +198,7 @@ fn faults(status: &Status) -> Vec<lobelia_protocol::Fault> {
 fn command_name(command: &Command) -> String {
     match command {
         Command::Configure(_) => "Configure".to_owned(),
+        Command::PrepareAxis { axis, .. } => format!("PrepareAxis {}", axis.name()),
         other => format!("{other:?}"),
     }
 }

@@ -72,7 +72,11 @@ pub fn fault_name(fault: Fault) -> String {
 }
 
 fn controller(status: &Status) -> String {
-    let work = if status.busy { "busy" } else { "idle" };
+    let work = match (status.busy, status.waiting) {
+        (false, _) => "idle".to_owned(),
+        (true, 0) => "busy".to_owned(),
+        (true, waiting) => format!("busy, {waiting} waiting"),
+    };
     let parameters = if status.configured { "parameters set" } else { "no parameters set" };
     format!("{work}, {parameters}, up for {}", uptime(status.uptime_us))
 }
@@ -104,6 +108,7 @@ mod tests {
             at_switch: [false, false, true, false],
             configured: true,
             busy: true,
+            waiting: 2,
             lamp: LampStatus { on: true, level: 32768, warm: false, remaining_s: 431 },
             faults: Faults::NONE,
             emergency_stop: false,
@@ -120,7 +125,7 @@ roll          unknown   not homed, on its home switch
 light          80.000°  homed
 lamp       on at 50 %, warm in 431 s
 faults     none
-controller busy, parameters set, up for 1 h 02 min 03 s
+controller busy, 2 waiting, parameters set, up for 1 h 02 min 03 s
 ";
         assert_eq!(text(&status(), &RigConfig::default()), expected);
     }

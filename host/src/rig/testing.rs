@@ -91,6 +91,10 @@ impl<P: Port> Port for Bent<P> {
     fn set_read_timeout(&mut self, timeout: Duration) -> io::Result<()> {
         self.port.set_read_timeout(timeout)
     }
+
+    fn is_real_time(&self) -> bool {
+        self.port.is_real_time()
+    }
 }
 
 /// Bends that give each request that arrives a fresh id, so that the controller runs repetitions again.

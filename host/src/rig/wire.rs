@@ -18,12 +18,27 @@ pub(crate) struct Wire {
     port: Box<dyn Port>,
     decoder: FrameDecoder,
     inbox: VecDeque<u8>,
+    /// Packets received before anyone asked for them.
+    collected: VecDeque<ToHost>,
     rubbish: usize,
 }
 
+/// Packets that may be collected before anyone asks for them; the oldest make room.
+const COLLECTED: usize = 256;
+
 impl Wire {
     pub(crate) fn new(port: Box<dyn Port>) -> Self {
-        Self { port, decoder: FrameDecoder::new(), inbox: VecDeque::new(), rubbish: 0 }
+        Self {
+            port,
+            decoder: FrameDecoder::new(),
+            inbox: VecDeque::new(),
+            collected: VecDeque::new(),
+            rubbish: 0,
+        }
+    }
+
+    pub(crate) fn is_real_time(&self) -> bool {
+        self.port.is_real_time()
     }
 
     /// The steps made since this was last asked, if the port can tell.
@@ -41,8 +56,26 @@ impl Wire {
         self.port.write_all(bytes).and_then(|()| self.port.flush()).map_err(|error| lost(&error))
     }
 
+    /// Receives what comes, until nothing does for a while, for whoever asks next.
+    pub(crate) fn collect(&mut self, timeout: Duration) -> Result<()> {
+        while let Some(packet) = self.receive_new(timeout)? {
+            if self.collected.len() == COLLECTED {
+                self.collected.pop_front();
+            }
+            self.collected.push_back(packet);
+        }
+        Ok(())
+    }
+
     /// The next packet, or nothing if none comes in time. What isn't a packet is passed over.
     pub(crate) fn receive(&mut self, timeout: Duration) -> Result<Option<ToHost>> {
+        match self.collected.pop_front() {
+            Some(packet) => Ok(Some(packet)),
+            None => self.receive_new(timeout),
+        }
+    }
+
+    fn receive_new(&mut self, timeout: Duration) -> Result<Option<ToHost>> {
         loop {
             while let Some(byte) = self.inbox.pop_front() {
                 self.rubbish += 1;

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use std::time::Duration;
 
 use clap::Args;
-use lobelia_protocol::{Axis, AxisParameters, DriverParameters};
+use lobelia_protocol::{Axis, AxisParameters, Configuration, DriverParameters, Settings};
 
 use super::{Connection, Session};
 use crate::acquire::station;
@@ -38,12 +38,15 @@ pub(super) struct MonitorArgs {
     /// Ends after so many seconds of the controller's time; without it, at Ctrl-C
     #[arg(long, value_name = "S")]
     for_s: Option<f64>,
+    /// Tells positions, photodiode and how many frames came damaged, every so many seconds, 0.02 at least
+    #[arg(long, value_name = "S")]
+    telemetry_s: Option<f64>,
 }
 
 /// Arguments of `lobelia rig params`.
 #[derive(Debug, Args)]
 pub(super) struct ParamsArgs {
-    /// The controller, to ask whether it takes them: sim, /dev/ttyACM0 or tcp://host:port
+    /// The controller, to read back what it has: sim, /dev/ttyACM0 or tcp://host:port
     #[arg(long)]
     port: Option<String>,
     /// The rig, see `lobelia template rig`; the simulated one when not given
@@ -57,9 +60,13 @@ pub(super) struct ParamsArgs {
 /// When watching ends, by the controller's clock.
 fn end_us(client: &mut RigClient, for_s: Option<f64>) -> Result<u64> {
     let Some(seconds) = for_s else { return Ok(u64::MAX) };
-    let time = Duration::try_from_secs_f64(seconds)
-        .map_err(|error| Error::input(format!("--for-s {seconds}: {error}")))?;
+    let time = self::seconds(seconds)?;
     Ok(client.status()?.uptime_us.saturating_add(time.as_micros() as u64))
+}
+
+/// A time from the command line.
+fn seconds(seconds: f64) -> Result<Duration> {
+    Duration::try_from_secs_f64(seconds).map_err(|error| Error::input(format!("{seconds} s: {error}")))
 }
 
 /// Runs `lobelia rig status`.
@@ -98,13 +105,19 @@ pub(super) fn status(args: &StatusArgs, context: &mut Context) -> Result<()> {
 pub(super) fn monitor(args: &MonitorArgs, context: &mut Context) -> Result<()> {
     let (config, mut client) = args.session.connect(context)?;
     let end_us = end_us(&mut client, args.for_s)?;
+    let telemetry = args.telemetry_s.map(seconds).transpose()?;
+    client.watch(telemetry, true)?;
     let mut before = client.status()?;
     let mut events = 0_u64;
     println!("{}", monitor::line(before.uptime_us, "connected"));
     while before.uptime_us < end_us && !station::interrupted() {
         while let Some(event) = client.listen(LOOK)? {
-            println!("{}", monitor::event(&event, before.uptime_us));
+            println!("{}", monitor::event(&event, before.uptime_us, &config));
             events += 1;
+            // Telemetry may never pause for as long as one look takes.
+            if monitor::time_us(&event).is_some_and(|us| us >= before.uptime_us + LOOK.as_micros() as u64) {
+                break;
+            }
         }
         if args.for_s.is_none() {
             args.session.connection.keep_pace(LOOK);
@@ -133,13 +146,51 @@ pub(super) fn params(args: &ParamsArgs, context: &mut Context) -> Result<()> {
         println!("controller: has these parameters now and keeps them");
         return Ok(());
     }
-    let set = client.status()?.configured;
-    context.report.figure("configured", set);
+    let ours = config.configuration()?;
+    let Some(theirs) = client.read_parameters()? else {
+        println!("controller: has no parameters yet");
+        return Ok(());
+    };
+    let differences = differences(&ours, &theirs);
+    context.report.figure("differences", differences.len());
+    for difference in &differences {
+        println!("{difference}");
+    }
     println!(
-        "controller: {}; the protocol does not tell which",
-        if set { "has parameters" } else { "has no parameters yet" }
+        "controller: {}",
+        match differences.len() {
+            0 => "has these parameters".to_owned(),
+            count => format!("has other parameters, {count} of them; --save sends these"),
+        }
     );
     Ok(())
+}
+
+/// A line for each parameter that the controller has otherwise.
+pub(super) fn differences(ours: &Configuration, theirs: &Configuration) -> Vec<String> {
+    let mut lines = Vec::new();
+    let mut compare = |name: String, unit: &str, ours: String, theirs: String| {
+        if ours != theirs {
+            lines.push(format!("differs: {name} is {theirs} {unit} in the controller, {ours} here"));
+        }
+    };
+    for axis in Axis::ALL {
+        let [ours, theirs] = [ours, theirs].map(|all| &all.axes[axis.index()]);
+        for (name, unit, number) in ROWS {
+            let name = format!("{} {name}", axis.name());
+            compare(name, unit, number(ours).to_string(), number(theirs).to_string());
+        }
+        compare(
+            format!("{} home_direction", axis.name()),
+            "end",
+            format!("{:?}", ours.home_direction),
+            format!("{:?}", theirs.home_direction),
+        );
+    }
+    for (ours, theirs) in settings(&ours.settings).into_iter().zip(settings(&theirs.settings)) {
+        compare(ours.0.to_owned(), ours.1, ours.2, theirs.2);
+    }
+    lines
 }
 
 /// A row: what it is, its unit, and the number of an axis.
@@ -199,17 +250,21 @@ pub(super) fn table(config: &RigConfig) -> Result<String> {
             }
         }
     }
-    let whole: [(&str, &str, String); 7] = [
-        ("lamp_warm_up", "s", configuration.lamp_warm_up_s.to_string()),
-        ("lamp_least_reading", "counts", configuration.lamp_least_reading.to_string()),
-        ("lease", "ms", configuration.lease_ms.to_string()),
-        ("lamp_lease", "ms", configuration.lamp_lease_ms.to_string()),
-        ("lamp_safe_level", "of 65535", configuration.lamp_safe_level.to_string()),
-        ("camera_wait", "ms", configuration.camera_wait_ms.to_string()),
-        ("coordinated", "", configuration.coordinated.to_string()),
-    ];
-    for (name, unit, value) in whole {
+    for (name, unit, value) in settings(&configuration.settings) {
         text += &format!("\n{name:<19}{unit:<9}{value:>10}");
     }
     Ok(text + "\n")
+}
+
+/// What the controller is told besides: name, unit and value.
+fn settings(settings: &Settings) -> [(&'static str, &'static str, String); 7] {
+    [
+        ("lamp_warm_up", "s", settings.lamp_warm_up_s.to_string()),
+        ("lamp_least_reading", "counts", settings.lamp_least_reading.to_string()),
+        ("lease", "ms", settings.lease_ms.to_string()),
+        ("lamp_lease", "ms", settings.lamp_lease_ms.to_string()),
+        ("lamp_safe_level", "of 65535", settings.lamp_safe_level.to_string()),
+        ("camera_wait", "ms", settings.camera_wait_ms.to_string()),
+        ("coordinated", "", settings.coordinated.to_string()),
+    ]
 }

@@ -42,7 +42,7 @@ enum RigCommand {
     Clear(drive::ClearArgs),
     /// Logs what happens on the rig, one line an event, with the controller's time
     Monitor(look::MonitorArgs),
-    /// Prints what rig.toml tells the controller, in its steps
+    /// Prints what rig.toml tells the controller, in its steps, and where the controller has it otherwise
     Params(look::ParamsArgs),
     /// Checks a controller against the protocol; moves all axes to their limits
     Conformance(check::ConformanceArgs),

@@ -71,6 +71,7 @@ fn every_look_and_drive_succeeds_on_a_fresh_simulated_rig() {
         "lamp off --port sim",
         "clear --port sim",
         "monitor --port sim --for-s 2",
+        "monitor --port sim --for-s 2 --telemetry-s 0.1",
         "params --port sim",
         "params",
     ] {
@@ -128,6 +129,20 @@ fn a_trace_that_is_torn_or_of_another_protocol_is_bad_input_that_names_its_line(
     std::fs::write(&trace, text.replacen("\"version\":", "\"version\":9", 1)).unwrap();
     let error = rig(&format!("replay {} --port sim", trace.display())).unwrap_err();
     assert!(error.to_string().contains("record it again"), "{error}");
+}
+
+#[test]
+fn parameters_that_the_controller_has_otherwise_are_named_with_both_values() {
+    let ours = RigConfig::default().configuration().unwrap();
+    let mut theirs = ours;
+    theirs.axes[1].max_speed = 7;
+    theirs.settings.lease_ms = 1;
+    let expected = [
+        "differs: tilt max_speed is 7 steps/s in the controller, 4651 here",
+        "differs: lease is 1 ms in the controller, 2000 here",
+    ];
+    assert_eq!(look::differences(&ours, &theirs), expected);
+    assert!(look::differences(&ours, &ours).is_empty());
 }
 
 #[test]

@@ -124,7 +124,8 @@ fn waiting_and_moving_for_longer_than_the_lease_keep_it() {
     let config = MechanicsConfig::ideal();
     let rig = SimulatedRig::new(&config);
     let mut client = RigClient::connect(Box::new(rig.link())).unwrap();
-    let leased = Configuration { lease_ms: 2000, lamp_lease_ms: 2000, ..config.configuration() };
+    let mut leased = config.configuration();
+    (leased.settings.lease_ms, leased.settings.lamp_lease_ms) = (2000, 2000);
     client.configure(&leased).unwrap();
     client.home().unwrap();
     client.lamp(true, 1.0).unwrap();
@@ -162,8 +163,8 @@ proptest! {
             }
             Ok((Axis::ALL.map(|axis| rig.steps_received(axis)), rig.angles_rad(), rig.last_exposure()))
         };
-        let clean = run(FaultRates { lost: 0.0, flipped: 0.0, doubled: 0.0 })?;
-        let bad = run(FaultRates { lost: 0.002, flipped: 0.002, doubled: 0.001 })?;
+        let clean = run(FaultRates { lost: 0.0, flipped: 0.0, doubled: 0.0, ..Default::default() })?;
+        let bad = run(FaultRates { lost: 0.002, flipped: 0.002, doubled: 0.001, ..Default::default() })?;
         prop_assert_eq!(bad.0, clean.0);
         prop_assert_eq!(bad.1, clean.1);
         prop_assert_eq!(bad.2.map(|truth| truth.sequence), clean.2.map(|truth| truth.sequence));
@@ -193,4 +194,72 @@ fn simulated_axis_in_a_file_keeps_its_own_defaults() {
     assert!(toml::from_str::<MechanicsConfig>("[pan]\ndegrees_per_step = 0.0\n").is_err());
     let written = toml::to_string(&expected).unwrap();
     assert_eq!(toml::from_str::<MechanicsConfig>(&written).unwrap(), expected);
+}
+
+#[test]
+fn parameters_are_read_back_and_a_controller_without_any_says_so() {
+    let config = MechanicsConfig::ideal();
+    let rig = SimulatedRig::new(&config);
+    let mut client = RigClient::connect(Box::new(rig.link())).unwrap();
+    assert_eq!(client.read_parameters().unwrap(), None);
+    client.configure(&config.configuration()).unwrap();
+    assert_eq!(client.read_parameters().unwrap(), Some(config.configuration()));
+}
+
+#[test]
+fn telemetry_that_never_pauses_does_not_keep_a_lost_request_from_being_repeated() {
+    let (rig, mut client) = connected(&MechanicsConfig::ideal());
+    client.watch(Some(Duration::from_millis(20)), true).unwrap();
+    // The next request is lost on its way.
+    rig.lose_bytes(lobelia_hil_sim::Way::ToController, 0, 14);
+    client.home().unwrap();
+    assert_eq!(client.repetitions(), 1);
+    let mut told = Vec::new();
+    while let Some(event) = client.listen(Duration::ZERO).unwrap() {
+        told.push(event);
+    }
+    assert!(told.iter().any(|event| matches!(event, Event::Log(_))), "{told:?}");
+    assert!(told.iter().filter(|event| matches!(event, Event::Telemetry(_))).count() > 100);
+}
+
+/// Takes everything and says nothing, as a real port does to a host that is busy.
+struct Deaf(Arc<Mutex<Vec<u8>>>);
+
+impl std::io::Read for Deaf {
+    fn read(&mut self, _: &mut [u8]) -> std::io::Result<usize> {
+        Err(std::io::ErrorKind::TimedOut.into())
+    }
+}
+
+impl std::io::Write for Deaf {
+    fn write(&mut self, bytes: &[u8]) -> std::io::Result<usize> {
+        self.0.lock().unwrap().extend(bytes);
+        Ok(bytes.len())
+    }
+
+    fn flush(&mut self) -> std::io::Result<()> {
+        Ok(())
+    }
+}
+
+impl Port for Deaf {
+    fn set_read_timeout(&mut self, _: Duration) -> std::io::Result<()> {
+        Ok(())
+    }
+}
+
+#[test]
+fn lease_is_kept_while_nobody_speaks_and_ends_with_the_client() {
+    let heard = Arc::new(Mutex::new(Vec::new()));
+    let wire = Arc::new(Mutex::new(Wire::new(Box::new(Deaf(Arc::clone(&heard))))));
+    let keep_alive = KeepAlive::start(Arc::clone(&wire), 7, Duration::from_millis(2));
+    let renewal = Request { session: 7, id: 0, seen: 0, command: Command::Status };
+    let frame = ToController::Request(renewal).encode().unwrap();
+    while heard.lock().unwrap().len() < 3 * frame.len() {
+        std::thread::yield_now();
+    }
+    drop(keep_alive);
+    let bytes = heard.lock().unwrap().clone();
+    assert!(bytes.chunks(frame.len()).all(|one| one == frame.as_slice()));
+    assert_eq!(Arc::strong_count(&wire), 1, "the thread has ended");
 }

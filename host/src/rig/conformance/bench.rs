@@ -1,11 +1,12 @@
 //! What the checks do everything with: raw requests that can be repeated, left unanswered for a while, or bent.
 
+use std::collections::HashSet;
 use std::fmt::Debug;
 use std::time::Duration;
 
 use lobelia_protocol::{
-    AXES, Answer, Command, Configuration, Hello, HelloReply, Outcome, Refusal, Request, Response, Status,
-    ToController, ToHost,
+    AXES, Answer, Command, Configuration, Event, Hello, HelloReply, Outcome, Refusal, Request, Response,
+    Status, ToController, ToHost,
 };
 
 use crate::error::Error;
@@ -56,19 +57,34 @@ pub(super) struct Bench {
     pub(super) configuration: Configuration,
     pub(super) session: u32,
     last_id: u32,
+    /// All answers up to this id have come, and these beyond it.
+    seen: u32,
+    answered: HashSet<u32>,
     answers: Vec<Response>,
+    /// Events that came since they were last cleared.
+    pub(super) events: Vec<Event>,
 }
 
 impl Bench {
     pub(super) fn new(port: Box<dyn Port>, configuration: Configuration) -> Self {
         let session = new_session();
-        Self { wire: Wire::new(port), configuration, session, last_id: 0, answers: Vec::new() }
+        Self {
+            wire: Wire::new(port),
+            configuration,
+            session,
+            last_id: 0,
+            seen: 0,
+            answered: HashSet::new(),
+            answers: Vec::new(),
+            events: Vec::new(),
+        }
     }
 
     /// Opens a new session.
     pub(super) fn open(&mut self) -> Result<HelloReply> {
         self.session = self.session.wrapping_add(1);
-        self.last_id = 0;
+        (self.last_id, self.seen) = (0, 0);
+        self.answered.clear();
         self.answers.clear();
         self.greet(Hello::new(self.session))
     }
@@ -89,7 +105,12 @@ impl Bench {
     /// The next request, not sent.
     pub(super) fn request(&mut self, command: Command) -> Request {
         self.last_id += 1;
-        Request { session: self.session, id: self.last_id, command }
+        while self.answered.remove(&(self.seen + 1)) {
+            self.seen += 1;
+        }
+        // A forerunner that was never sent counts as seen in time.
+        let seen = self.seen.max(self.last_id.saturating_sub(8));
+        Request { session: self.session, id: self.last_id, seen, command }
     }
 
     /// Takes the last request back: its id is free again, as it never arrived.
@@ -123,7 +144,14 @@ impl Bench {
     }
 
     fn keep(&mut self, packet: Option<ToHost>) {
+        if let Some(ToHost::Event(event)) = packet {
+            self.events.push(event);
+        }
         if let Some(ToHost::Response(response)) = packet {
+            let pending = [Outcome::Running, Outcome::Refused(Refusal::OutOfWindow)];
+            if !pending.contains(&response.outcome) && response.session == self.session {
+                self.answered.insert(response.id);
+            }
             self.answers.push(response);
         }
     }
@@ -178,6 +206,14 @@ impl Bench {
         same(&name(&command), &Outcome::Refused(why), &outcome)
     }
 
+    /// Sets all parameters.
+    pub(super) fn configure(&mut self, configuration: &Configuration) -> Result<()> {
+        for command in configuration.commands() {
+            self.done(command)?;
+        }
+        Ok(())
+    }
+
     pub(super) fn status(&mut self) -> Result<Status> {
         match self.done(Command::Status)? {
             Answer::Status(status) => Ok(status),
@@ -213,7 +249,7 @@ impl Bench {
         if !status.faults.is_empty() {
             self.done(Command::ClearFaults)?;
         }
-        self.done(Command::Configure(self.configuration))?;
+        self.configure(&self.configuration.clone())?;
         self.status()
     }
 
@@ -251,6 +287,7 @@ impl Bench {
 pub(super) fn name(command: &Command) -> String {
     match command {
         Command::Configure(_) => "Configure".to_owned(),
+        Command::PrepareAxis { axis, .. } => format!("PrepareAxis {}", axis.name()),
         other => format!("{other:?}"),
     }
 }

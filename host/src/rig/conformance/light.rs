@@ -91,7 +91,7 @@ fn lamp_cold(bench: &mut Bench) -> Result<()> {
     bench.homed()?;
     lamp(bench, false, 0)?;
     lamp(bench, true, u16::MAX)?;
-    let warm_up_s = bench.configuration.lamp_warm_up_s;
+    let warm_up_s = bench.configuration.settings.lamp_warm_up_s;
     let expose = bench.ask(Command::Expose { duration_us: OPEN_US[0], warm_lamp: true });
     let status = bench.status()?.lamp;
     lamp(bench, false, 0)?;

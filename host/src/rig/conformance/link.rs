@@ -2,7 +2,9 @@
 
 use std::time::Duration;
 
-use lobelia_protocol::{Command, FrameDecoder, Outcome, Refusal, Request, ToController};
+use lobelia_protocol::{
+    Axis, Command, Event, FrameDecoder, Happening, Outcome, Refusal, Request, ToController,
+};
 
 use super::Script;
 use super::bench::{Bench, Result, ensure, same};
@@ -16,6 +18,10 @@ pub(super) const CHECKS: &[(&str, Script)] = &[
     ("a request repeated after its answer is answered alike and not run again", repeated_after),
     ("a request repeated while it's run is run once", repeated_during),
     ("an old request is not run again", old),
+    ("what was sent without knowing of a refusal is skipped", skipped),
+    ("a request of id 0 is never run", id_zero),
+    ("telemetry comes at its period and ends when it is told to", telemetry),
+    ("log lines tell of a request's begin and end", log),
     ("a frame with a flipped bit is ignored", flipped),
     ("a frame that is cut short is ignored, and the next one understood", cut),
     ("a message with a byte too many or an unknown command is ignored", malformed),
@@ -77,6 +83,70 @@ fn old(bench: &mut Bench) -> Result<()> {
     ensure(again == first || again == Outcome::Refused(Refusal::Stale), || {
         format!("{first:?} or Stale was expected, {again:?} came")
     })
+}
+
+fn skipped(bench: &mut Bench) -> Result<()> {
+    bench.homed()?;
+    let mut beyond = bench.part_way(0.5);
+    beyond[0] = i32::MAX;
+    let refused = bench.begin(Command::MoveTo(beyond))?;
+    // Its answer hasn't been looked at.
+    let behind = bench.begin(EXPOSE)?;
+    same(
+        "the first one's outcome",
+        &Outcome::Refused(Refusal::OutOfLimits(Axis::Pan)),
+        &bench.outcome(&refused)?,
+    )?;
+    let after = refused.id;
+    same("the one behind it", &Outcome::Refused(Refusal::Skipped { after }), &bench.outcome(&behind)?)?;
+    // Now it's known.
+    bench.done(EXPOSE).map(|_| ())
+}
+
+fn id_zero(bench: &mut Bench) -> Result<()> {
+    bench.homed()?;
+    bench.move_to(bench.part_way(0.5))?;
+    let request =
+        Request { session: bench.session, id: 0, seen: 0, command: Command::MoveTo(bench.part_way(0.25)) };
+    same("its outcome", &Outcome::Refused(Refusal::Stale), &repeat(bench, &request)?)?;
+    bench.pause(WHILE)?;
+    same("positions", &bench.part_way(0.5), &bench.status()?.positions)
+}
+
+fn telemetry(bench: &mut Bench) -> Result<()> {
+    const PERIOD_US: u64 = 50_000;
+    let at_us = |bench: &mut Bench| {
+        let at = |event| if let Event::Telemetry(told) = event { Some(told.at_us) } else { None };
+        std::mem::take(&mut bench.events).into_iter().filter_map(at).collect::<Vec<_>>()
+    };
+    bench.settle()?;
+    at_us(bench);
+    bench.done(Command::Watch { telemetry_ms: (PERIOD_US / 1000) as u16, log: false })?;
+    for _ in 0..100 {
+        bench.pause(Duration::from_millis(10))?;
+    }
+    bench.done(Command::Watch { telemetry_ms: 0, log: false })?;
+    bench.pause(WHILE)?;
+    let told = at_us(bench);
+    ensure(told.len() >= 5, || format!("{} events in 1 s, every {PERIOD_US} µs asked for", told.len()))?;
+    let close = |pair: &[u64]| pair[1].saturating_sub(pair[0]) >= PERIOD_US * 9 / 10;
+    ensure(told.windows(2).all(close), || format!("at {told:?} µs, every {PERIOD_US} µs asked for"))?;
+    bench.pause(2 * WHILE)?;
+    same("events after the watch", &Vec::new(), &at_us(bench))
+}
+
+fn log(bench: &mut Bench) -> Result<()> {
+    bench.homed()?;
+    bench.done(Command::Watch { telemetry_ms: 0, log: true })?;
+    bench.events.clear();
+    let request = bench.begin(EXPOSE)?;
+    bench.outcome(&request)?;
+    bench.pause(WHILE)?;
+    bench.done(Command::Watch { telemetry_ms: 0, log: false })?;
+    let what = |event: &Event| if let Event::Log(line) = event { Some(line.what) } else { None };
+    let told: Vec<_> = bench.events.iter().filter_map(what).collect();
+    let id = request.id;
+    same("the log", &vec![Happening::Began { id }, Happening::Ended { id, done: true }], &told)
 }
 
 /// A move that must never be made, as bytes; its id is free again.

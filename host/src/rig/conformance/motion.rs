@@ -25,7 +25,8 @@ pub(super) const CHECKS: &[(&str, Script)] = &[
     ("a move takes at least its length at the highest speed", speed),
     ("moves beyond a limit are refused with the axis, and move nothing", beyond),
     ("a status during a move tells that it moves", moving),
-    ("another move during a move is refused", busy),
+    ("another move during a move waits for it and is then made", queue),
+    ("a stop refuses what waits behind a move", stop_waiting),
     ("a stop ends a move on its way, with positions known", stop),
     ("a move goes on to another target on its way", retarget),
     ("a new session ends the move of the one before", takeover),
@@ -154,12 +155,27 @@ fn moving(bench: &mut Bench) -> Result<()> {
     same("the move's outcome", &Outcome::Done(Answer::At(bench.part_way(1.0))), &outcome)
 }
 
-fn busy(bench: &mut Bench) -> Result<()> {
-    let (request, _) = bench.under_way()?;
-    let second = bench.ask(Command::MoveTo(bench.part_way(0.0)))?;
-    same("the second move's outcome", &Outcome::Refused(Refusal::Busy), &second)?;
-    let first = bench.outcome(&request)?;
-    same("the first move's outcome", &Outcome::Done(Answer::At(bench.part_way(1.0))), &first)
+fn queue(bench: &mut Bench) -> Result<()> {
+    let (first, _) = bench.under_way()?;
+    let second = bench.begin(Command::MoveTo(bench.part_way(0.9)))?;
+    let waiting = bench.status()?;
+    same("how many wait", &1, &waiting.waiting)?;
+    let outcome = bench.outcome(&first)?;
+    same("the first move's outcome", &Outcome::Done(Answer::At(bench.part_way(1.0))), &outcome)?;
+    let outcome = bench.outcome(&second)?;
+    same("the second move's outcome", &Outcome::Done(Answer::At(bench.part_way(0.9))), &outcome)
+}
+
+fn stop_waiting(bench: &mut Bench) -> Result<()> {
+    let (first, _) = bench.under_way()?;
+    let waiting = bench.begin(Command::MoveTo(bench.part_way(0.0)))?;
+    bench.done(Command::Stop)?;
+    for request in [&first, &waiting] {
+        same("its outcome", &Outcome::Refused(Refusal::Stopped), &bench.outcome(request)?)?;
+    }
+    let status = bench.wait("at rest after a stop", |status| !status.busy)?;
+    bench.pause(20 * LOOK)?;
+    same("positions a while later", &status.positions, &bench.status()?.positions)
 }
 
 fn stop(bench: &mut Bench) -> Result<()> {
@@ -198,14 +214,14 @@ fn takeover(bench: &mut Bench) -> Result<()> {
 fn lease(bench: &mut Bench) -> Result<()> {
     bench.settle()?;
     let mut slow = bench.configuration;
-    slow.lease_ms = LEASE_MS;
+    slow.settings.lease_ms = LEASE_MS;
     for axis in &mut slow.axes {
         // So slow that the move lasts much longer than the lease.
         axis.max_speed = axis.max_speed.min(axis.min_steps.abs_diff(axis.max_steps) / SLOW_S).max(1);
         axis.home_speed = axis.home_speed.min(axis.max_speed);
         axis.home_slow_speed = axis.home_slow_speed.min(axis.max_speed);
     }
-    bench.done(Command::Configure(slow))?;
+    bench.configure(&slow)?;
     bench.done(Command::Home)?;
     bench.move_to(bench.part_way(0.0))?;
     let request = bench.begin(Command::MoveTo(bench.part_way(1.0)))?;

@@ -1,7 +1,7 @@
 //! Checks of hello, session and parameters.
 
 use lobelia_protocol::{
-    AXES, Axis, Command, Configuration, Field, Hello, Outcome, Refusal, Request, Verdict, schema,
+    AXES, Answer, Axis, AxisParameters, Command, Field, Hello, Outcome, Refusal, Request, Verdict, schema,
 };
 
 use super::Script;
@@ -12,6 +12,7 @@ pub(super) const CHECKS: &[(&str, Script)] = &[
     ("a hello of another schema is refused with the controller's own version", other_schema),
     ("a request of a session that isn't open is refused", closed_session),
     ("a status tells that parameters are set", configured),
+    ("parameters are read back as they were set", read_back),
     ("parameters out of range are refused and change nothing", bad_parameters),
     ("other parameters make positions unknown", other_parameters),
     ("a move is refused before homing", no_move_before_homing),
@@ -33,7 +34,7 @@ fn other_schema(bench: &mut Bench) -> Result<()> {
 
 fn closed_session(bench: &mut Bench) -> Result<()> {
     bench.open()?;
-    let request = Request { session: !bench.session, id: 1, command: Command::Home };
+    let request = Request { session: !bench.session, id: 1, seen: 0, command: Command::Home };
     bench.send(&request)?;
     let outcome = bench.outcome(&request)?;
     same("its outcome", &Outcome::Refused(Refusal::NoSession), &outcome)
@@ -44,21 +45,31 @@ fn configured(bench: &mut Bench) -> Result<()> {
     ensure(status.configured, || "it says that none are".to_owned())
 }
 
+fn read_back(bench: &mut Bench) -> Result<()> {
+    bench.settle()?;
+    for axis in Axis::ALL {
+        let parameters = bench.configuration.axes[axis.index()];
+        same(axis.name(), &Answer::Axis(parameters), &bench.done(Command::ReadAxis(axis))?)?;
+    }
+    same("settings", &Answer::Settings(bench.configuration.settings), &bench.done(Command::ReadSettings)?)
+}
+
 fn bad_parameters(bench: &mut Bench) -> Result<()> {
     let before = bench.settle()?.known;
-    let bend = |change: fn(&mut Configuration)| {
-        let mut bent = bench.configuration;
-        change(&mut bent);
-        Command::Configure(bent)
+    let bend = |axis: Axis, change: fn(&mut AxisParameters)| {
+        let mut parameters = bench.configuration.axes[axis.index()];
+        change(&mut parameters);
+        Command::PrepareAxis { axis, parameters }
     };
     let bent = [
-        (bend(|all| all.axes[0].max_speed = 0), Axis::Pan, Field::MaxSpeed),
-        (bend(|all| all.axes[1].min_steps = all.axes[1].max_steps + 1), Axis::Tilt, Field::Limits),
-        (bend(|all| all.axes[2].acceleration = 0), Axis::Roll, Field::Acceleration),
+        (bend(Axis::Pan, |axis| axis.max_speed = 0), Axis::Pan, Field::MaxSpeed),
+        (bend(Axis::Tilt, |axis| axis.min_steps = axis.max_steps + 1), Axis::Tilt, Field::Limits),
+        (bend(Axis::Roll, |axis| axis.acceleration = 0), Axis::Roll, Field::Acceleration),
     ];
     for (command, axis, field) in bent {
         bench.refused(command, Refusal::BadParameter { axis: Some(axis), field })?;
     }
+    bench.done(Command::Configure(bench.configuration.settings))?;
     same("known axes", &before, &bench.status()?.known)
 }
 
@@ -66,8 +77,8 @@ fn other_parameters(bench: &mut Bench) -> Result<()> {
     bench.settle()?;
     let mut other = bench.configuration;
     other.axes[3].settle_ms ^= 1;
-    bench.done(Command::Configure(other))?;
-    bench.done(Command::Configure(bench.configuration))?;
+    bench.configure(&other)?;
+    bench.configure(&bench.configuration.clone())?;
     same("known axes", &[false; AXES], &bench.status()?.known)
 }
 

@@ -88,19 +88,21 @@ fn a_shutter_that_is_wrong_by_a_thousandth_fails_the_light() {
 
 #[test]
 fn a_controller_without_limits_fails_the_refusals() {
-    let mut widest = MechanicsConfig::ideal().configuration();
-    for axis in &mut widest.axes {
-        axis.max_steps += 1;
-    }
+    let own = MechanicsConfig::ideal().configuration().axes;
     let widen = move |packet: &mut ToController| {
         if let ToController::Request(request) = packet
-            && request.command == Command::Configure(MechanicsConfig::ideal().configuration())
+            && let Command::PrepareAxis { axis, parameters } = &mut request.command
+            && *parameters == own[axis.index()]
         {
-            request.command = Command::Configure(widest);
+            parameters.max_steps += 1;
         }
     };
     let failed = failures(Box::new(Bent::new(rig().link(), widen, |_| {})));
-    assert_eq!(failed, ["moves beyond a limit are refused with the axis, and move nothing"]);
+    let expected = [
+        "parameters are read back as they were set",
+        "moves beyond a limit are refused with the axis, and move nothing",
+    ];
+    assert_eq!(failed, expected);
 }
 
 #[test]

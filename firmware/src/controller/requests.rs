@@ -1,0 +1,210 @@
+//! The part of the controller that has to do with requests: whose turn it is, what is run at once, and what is answered.
+
+use core::array;
+
+use lobelia_protocol::{
+    Answer, Command, Configuration, Fault, Happening, Outcome, Refusal, Request, Response, Settings, ToHost,
+};
+
+use super::{Controller, Running, Task, Trouble};
+use crate::board::Board;
+use crate::homing::Purpose;
+use crate::link::Admission;
+use crate::motion::parameters;
+use crate::storage;
+
+impl<B: Board> Controller<B> {
+    /// Takes a request if its turn to be taken has come, and those that were held for it.
+    pub(super) fn receive(&mut self, now_us: u64, request: &Request) {
+        if self.link.in_session(request) {
+            self.heard_us = now_us;
+        }
+        self.admit(now_us, request);
+        self.take_held(now_us);
+    }
+
+    fn take_held(&mut self, now_us: u64) {
+        while let Some(held) = self.link.next_held(!self.waiting.is_full()) {
+            self.admit(now_us, &held);
+        }
+    }
+
+    fn admit(&mut self, now_us: u64, request: &Request) {
+        let running = self.running.as_ref().and_then(|running| running.request);
+        let pending = |id| running == Some(id) || self.waiting.iter().any(|waiting| waiting.id == id);
+        match self.link.admit(request, !self.waiting.is_full(), pending) {
+            Admission::Answer(outcome) => self.send(request, outcome),
+            Admission::Take
+                if request.command.waits() && (self.running.is_some() || !self.waiting.is_empty()) =>
+            {
+                // There is room, or it would not have been taken.
+                let _ = self.waiting.push_back(*request);
+                self.send(request, Outcome::Running);
+            }
+            Admission::Take => self.run(now_us, request),
+        }
+    }
+
+    /// Says something about a request that isn't its final answer, or is it once more.
+    fn send(&mut self, request: &Request, outcome: Outcome) {
+        let response = Response { session: request.session, id: request.id, outcome };
+        self.link.send(&ToHost::Response(response));
+    }
+
+    /// Begins what waits, one after the other, unless something is being run.
+    pub(super) fn take_turns(&mut self, now_us: u64) {
+        while self.running.is_none()
+            && let Some(request) = self.waiting.pop_front()
+        {
+            self.run(now_us, &request);
+            self.take_held(now_us);
+        }
+    }
+
+    /// Refuses what waits.
+    pub(super) fn refuse_waiting(&mut self, now_us: u64, refusal: Refusal) {
+        while let Some(request) = self.waiting.pop_front() {
+            self.answer(now_us, request.id, Outcome::Refused(refusal));
+        }
+    }
+
+    fn run(&mut self, now_us: u64, request: &Request) {
+        let outcome = match self.begin(now_us, request) {
+            Ok(Some(answer)) => Outcome::Done(answer),
+            Ok(None) => {
+                self.note(now_us, Happening::Began { id: request.id });
+                return self.send(request, Outcome::Running);
+            }
+            Err(Trouble::Refusal(refusal)) => {
+                // What was asked for without knowing of this refusal must not be run.
+                if request.command.acts() {
+                    self.refused = request.id;
+                }
+                Outcome::Refused(refusal)
+            }
+            Err(Trouble::Pin) => {
+                self.raise(now_us, Fault::Hardware, None);
+                self.refused = request.id;
+                Outcome::Refused(Refusal::Faulted(self.safety.faults()))
+            }
+        };
+        match request.command.acts() {
+            true => self.answer(now_us, request.id, outcome),
+            // Questions would fill the log.
+            false => self.link.answer(request.id, outcome),
+        }
+    }
+
+    /// Answers the request of what has ended.
+    pub(super) fn finish(&mut self, now_us: u64, running: &Running, outcome: Outcome) {
+        let Some(id) = running.request else { return };
+        // What follows a stop was asked for knowing of it.
+        if matches!(outcome, Outcome::Refused(_)) && !matches!(running.task, Task::Stop) {
+            self.refused = id;
+        }
+        self.answer(now_us, id, outcome);
+    }
+
+    fn answer(&mut self, now_us: u64, id: u32, outcome: Outcome) {
+        self.link.answer(id, outcome);
+        self.note(now_us, Happening::Ended { id, done: matches!(outcome, Outcome::Done(_)) });
+    }
+
+    /// Runs a command, or begins one that takes time and is answered at its end.
+    fn begin(&mut self, now_us: u64, request: &Request) -> Result<Option<Answer>, Trouble> {
+        let moves = request.command.waits() || matches!(request.command, Command::Retarget(_));
+        if moves && request.seen < self.refused {
+            return Err(Refusal::Skipped { after: self.refused }.into());
+        }
+        match request.command {
+            Command::Status => Ok(Some(Answer::Status(self.status(now_us)?))),
+            Command::ReadAxis(axis) => Ok(Some(Answer::Axis(self.configured()?.axes[axis.index()]))),
+            Command::ReadSettings => Ok(Some(Answer::Settings(self.configured()?.settings))),
+            Command::Watch { telemetry_ms, log } => {
+                self.set_watch(now_us, telemetry_ms, log)?;
+                Ok(Some(Answer::Nothing))
+            }
+            Command::Stop => {
+                self.stop(now_us)?;
+                self.refuse_waiting(now_us, Refusal::Stopped);
+                Ok(Some(Answer::Nothing))
+            }
+            Command::Lamp { on, level } => {
+                if on {
+                    self.safety.check()?;
+                }
+                self.lamp.switch(now_us, on, level)?;
+                self.note(now_us, Happening::Lamp { on, level });
+                Ok(Some(Answer::Nothing))
+            }
+            Command::ClearFaults => {
+                self.safety.clear()?;
+                self.note(now_us, Happening::FaultsCleared);
+                Ok(Some(Answer::Nothing))
+            }
+            Command::PrepareAxis { axis, parameters } => {
+                parameters::validate_axis(axis, &parameters)?;
+                self.prepared[axis.index()] = Some(parameters);
+                Ok(Some(Answer::Nothing))
+            }
+            Command::Configure(settings) => {
+                self.configure(settings)?;
+                Ok(Some(Answer::Nothing))
+            }
+            Command::SaveParameters => {
+                let configuration = self.configured()?;
+                let storage = self.options.storage.as_mut();
+                let saved = storage.is_some_and(|storage| storage::save(&mut **storage, &configuration));
+                if saved { Ok(Some(Answer::Nothing)) } else { Err(Refusal::NoStorage.into()) }
+            }
+            Command::Home
+            | Command::HomeRepeatedly { .. }
+            | Command::CheckIndex
+            | Command::MoveTo(_)
+            | Command::Retarget(_)
+            | Command::Expose { .. } => {
+                let task = self.begin_task(now_us, &request.command)?;
+                self.running = Some(Running { task, request: Some(request.id) });
+                Ok(None)
+            }
+        }
+    }
+
+    /// Begins what takes time.
+    fn begin_task(&mut self, now_us: u64, command: &Command) -> Result<Task, Trouble> {
+        let configuration = self.configured()?;
+        self.safety.check()?;
+        match *command {
+            Command::MoveTo(targets) => self.begin_move(now_us, &configuration, targets),
+            Command::Retarget(targets) => self.retarget(now_us, &configuration, targets),
+            Command::Expose { duration_us, warm_lamp } => self.begin_exposure(now_us, duration_us, warm_lamp),
+            Command::CheckIndex => {
+                self.check_positions()?;
+                self.begin_homing(now_us, &configuration, Purpose::Check)
+            }
+            Command::HomeRepeatedly { approaches } => {
+                self.prepare_homing(now_us, &configuration, Purpose::Home { approaches })
+            }
+            _ => self.prepare_homing(now_us, &configuration, Purpose::Home { approaches: 1 }),
+        }
+    }
+
+    fn configured(&self) -> Result<Configuration, Refusal> {
+        self.configuration.ok_or(Refusal::NotConfigured)
+    }
+
+    /// Another configuration makes positions unknown: steps may mean something else.
+    fn configure(&mut self, settings: Settings) -> Result<(), Refusal> {
+        let set = self.configuration.map(|configuration| configuration.axes);
+        let axis = |k: usize| self.prepared[k].or(set.map(|axes| axes[k]));
+        let [Some(pan), Some(tilt), Some(roll), Some(light)] = array::from_fn(axis) else {
+            return Err(Refusal::NotConfigured);
+        };
+        let configuration = Configuration { axes: [pan, tilt, roll, light], settings };
+        self.set_up_drivers(&configuration)?;
+        if self.configuration.replace(configuration) != Some(configuration) {
+            self.axes.iter_mut().for_each(|axis| axis.forget(&mut self.pulses));
+        }
+        Ok(())
+    }
+}
