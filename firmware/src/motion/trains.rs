@@ -287,3 +287,44 @@ impl Trains {
         self.raised_before.pins &= !(1 << axis);
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+
+    proptest! {
+        #[test]
+        fn pulses_and_gaps_last_two_microseconds_however_fast_and_late(
+            intervals_us in proptest::array::uniform4(5.0..40.0f64), start_us in any::<u32>(),
+            late_us in proptest::collection::vec(0..4u32, 16),
+        ) {
+            const STEPS: u32 = 300;
+            let mut trains = Trains::default();
+            for (axis, interval_us) in intervals_us.into_iter().enumerate() {
+                trains.begin(axis, true);
+                let interval = (interval_us * 1_099_511_627_776.0) as u64;
+                let at = u64::from(start_us << TICK_SHIFT) + 1000;
+                trains.push(axis, start_us, Burst::even(at, 0, interval, STEPS));
+            }
+            let (mut high, mut changed_us) = ([false; AXES], [start_us.wrapping_sub(100); AXES]);
+            for late in late_us.into_iter().cycle() {
+                let Some(next_us) = trains.next_us() else { break };
+                let now_us = next_us.wrapping_add(late);
+                let edges = trains.step(now_us);
+                for axis in 0..AXES {
+                    for (pins, level) in [(edges.lower, false), (edges.raise, true)] {
+                        if pins & 1 << axis != 0 {
+                            prop_assert_eq!(high[axis], !level);
+                            prop_assert!(now_us.wrapping_sub(changed_us[axis]) >= PULSE_US);
+                            (high[axis], changed_us[axis]) = (level, now_us);
+                        }
+                    }
+                }
+            }
+            prop_assert_eq!(high, [false; AXES]);
+            prop_assert_eq!([0, 1, 2, 3].map(|axis| trains.position(axis)), [STEPS as i32; AXES]);
+        }
+    }
+}
