@@ -24,15 +24,15 @@ pub type EncodedFrame = heapless::Vec<u8, MAX_FRAME>;
 pub enum FrameError {
     /// More bytes than a frame can have.
     TooLong,
-    /// Not what COBS writes, or too short to hold a checksum.
+    /// Not what COBS writes, or too short to hold a byte and its checksum.
     Malformed,
     /// The checksum is that of another payload.
     Checksum,
 }
 
-/// Wraps a payload; `None` when it is longer than [`MAX_PAYLOAD`].
+/// Wraps a payload; `None` when it is empty or longer than [`MAX_PAYLOAD`].
 pub fn encode(payload: &[u8]) -> Option<EncodedFrame> {
-    if payload.len() > MAX_PAYLOAD {
+    if payload.is_empty() || payload.len() > MAX_PAYLOAD {
         return None;
     }
     let mut checked = heapless::Vec::<u8, { MAX_PAYLOAD + CRC_BYTES }>::new();
@@ -102,6 +102,8 @@ fn unwrap(body: &mut [u8]) -> Result<&[u8], FrameError> {
     let (payload, checksum) = body
         .get(..length)
         .and_then(|checked| checked.split_last_chunk::<CRC_BYTES>())
+        // Nothing has the checksum 0: a piece of a frame that is all zeros would pass for it.
+        .filter(|(payload, _)| !payload.is_empty())
         .ok_or(FrameError::Malformed)?;
     if CRC.checksum(payload) == u32::from_le_bytes(*checksum) {
         Ok(payload)

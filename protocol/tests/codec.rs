@@ -91,6 +91,13 @@ fn too_long_a_payload_is_refused_and_too_long_a_frame_reported() {
 }
 
 #[test]
+fn zeros_from_the_middle_of_a_frame_are_no_frame() {
+    // Four zeros in COBS: the checksum of nothing.
+    assert_eq!(payloads(&[0, 1, 1, 1, 1, 1, 0]), [Err(FrameError::Malformed)]);
+    assert!(frame::encode(&[]).is_none());
+}
+
+#[test]
 fn message_with_bytes_left_over_is_refused() {
     let message = ToController::Request(Request { session: 1, id: 2, seen: 1, command: Command::Stop });
     let mut payload = payloads(&message.encode().unwrap()).remove(0).unwrap();
@@ -100,7 +107,7 @@ fn message_with_bytes_left_over_is_refused() {
 
 proptest! {
     #[test]
-    fn any_payload_survives_a_frame(payload in vec(any::<u8>(), 0..=MAX_PAYLOAD)) {
+    fn any_payload_survives_a_frame(payload in vec(any::<u8>(), 1..=MAX_PAYLOAD)) {
         let frame = frame::encode(&payload).unwrap();
         prop_assert!(frame[1..frame.len() - 1].iter().all(|&byte| byte != 0));
         prop_assert_eq!(payloads(&frame), vec![Ok(payload)]);

@@ -132,7 +132,8 @@ fn plain(bytes: &[u8]) -> Vec<Result<Vec<u8>, FrameError>> {
                 return Err(FrameError::TooLong);
             }
             let mut checked = uncobs(body).ok_or(FrameError::Malformed)?;
-            let length = checked.len().checked_sub(4).ok_or(FrameError::Malformed)?;
+            let length =
+                checked.len().checked_sub(4).filter(|&left| left > 0).ok_or(FrameError::Malformed)?;
             let sum = checked.split_off(length);
             if sum == crc32(&checked).to_le_bytes() { Ok(checked) } else { Err(FrameError::Checksum) }
         })
