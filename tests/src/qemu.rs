@@ -43,8 +43,8 @@ pub struct Qemu {
     test: UnixStream,
     test_lines: Receiver<String>,
     kept: u32,
-    /// Steps of the trace already told.
-    steps_told: u32,
+    /// Steps of the trace already told, once someone has asked.
+    steps_told: Option<u32>,
 }
 
 /// The program for QEMU of a board, if it was built and QEMU is there; else prints why not, and panics under CI.
@@ -85,7 +85,8 @@ impl Qemu {
         let monitor = BufReader::new(connect(&folder.path().join("monitor")));
         let test = connect(&folder.path().join("test"));
         let test_lines = read_lines(test.try_clone().unwrap());
-        let mut qemu = Self { child, folder, monitor, test, test_lines, kept: machine.kept, steps_told: 0 };
+        let mut qemu =
+            Self { child, folder, monitor, test, test_lines, kept: machine.kept, steps_told: None };
         qemu.monitor_line();
         qemu.ask_monitor("qmp_capabilities", json!({}));
         qemu
@@ -135,9 +136,15 @@ impl Qemu {
     pub fn crash(&mut self, number: u32) {
         let trigger = self.kept + 4 * 3;
         self.ask_test(&format!("writel {trigger:#x} {number}"), |_, _| {});
+        // The program looks once a loop.
+        let start = Instant::now();
+        while self.word(trigger) != 0 {
+            assert!(start.elapsed() < PATIENCE, "the program does not crash");
+            std::thread::sleep(Duration::from_millis(1));
+        }
     }
 
-    /// The program's trace of steps since this was last asked; times count from the first.
+    /// The program's trace of steps since this was last asked, none the first time; times count from the first.
     pub fn steps(&mut self) -> Vec<Step> {
         /// The trace's clock wraps at so many bits.
         const CLOCK: u32 = (1 << 29) - 1;
@@ -146,8 +153,8 @@ impl Qemu {
         let bytes = self.memory(trace + 4, 4 * STEPS_HELD as usize);
         let ring: Vec<u32> =
             bytes.chunks_exact(4).map(|word| u32::from_le_bytes(word.try_into().unwrap())).collect();
-        assert!(count - self.steps_told <= STEPS_HELD, "steps were lost");
-        let told = std::mem::replace(&mut self.steps_told, count);
+        let told = self.steps_told.replace(count).unwrap_or(count);
+        assert!(count - told <= STEPS_HELD, "steps were lost");
         let steps: Vec<u32> = (told..count).map(|number| ring[(number % STEPS_HELD) as usize]).collect();
         let first = steps.first().map_or(0, |step| step >> 3);
         let step = |step: u32| Step {

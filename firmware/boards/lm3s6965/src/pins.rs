@@ -110,10 +110,9 @@ pub(crate) fn safe_state() {
 /// The emergency stop's interrupt: everything off at once, whatever the controller is about to write to the step pins.
 pub(crate) fn stop() {
     PORT_D.clear().write(1 << STOP);
-    // While they are still outputs: an input keeps what was written before, and would rise when it is taken back.
-    PORT_B.data(STEPS as u8).write(0);
-    PORT_B.direction().write(0xFF & !STEPS);
     safe_state();
+    // Low first: an input ignores what is written, and is again what it was as an output.
+    PORT_B.direction().write(0xFF & !STEPS);
     HELD.store(true, Relaxed);
     EMERGENCY_STOP.trip();
 }

@@ -131,8 +131,8 @@ fn set_step_modes(modes: u32) {
 pub(crate) fn stop() {
     // SAFETY: writing a line's bit forgets its interrupt and does nothing else.
     unsafe { (*pac::EXTI::ptr()).pr().write(|w| w.bits(STOP)) };
-    set_step_modes(0);
     safe_state();
+    set_step_modes(0);
     HELD.store(true, Relaxed);
     EMERGENCY_STOP.trip();
 }
@@ -143,6 +143,8 @@ pub fn after_poll() {
         cortex_m::interrupt::free(|_| {
             if !EMERGENCY_STOP.is_tripped() {
                 HELD.store(false, Relaxed);
+                // What was written to the step pins meanwhile must not become an edge.
+                safe_state();
                 set_step_modes(STEPS_OUT);
                 // SAFETY: only the mode of the lamp level's pin changes, back to its timer's.
                 unsafe {
