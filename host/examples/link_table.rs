@@ -96,7 +96,9 @@ fn row(text: &mut String, name: &str, faults: FaultRates, seed: u64) {
         let session = session(baud, faults, seed);
         assert_eq!(session.wrong, 0, "a photograph in a wrong pose");
         let hit = 100.0 * session.disturbed as f64 / session.frames.max(1) as f64;
-        if session.poses == POSES {
+        if session.frames == 0 {
+            let _ = write!(text, " none: {}, {:.0} s |", session.repetitions, session.seconds);
+        } else if session.poses == POSES {
             let _ = write!(
                 text,
                 " {hit:.1} % of {}: {}, {:.0} s |",
