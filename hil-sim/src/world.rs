@@ -69,7 +69,11 @@ impl World {
                 return;
             }
             self.bench.now_us.store(next, Relaxed);
-            self.controller.tick(next);
+            if self.bench.to_controller.next_us() <= next {
+                self.controller.poll(next);
+            } else {
+                self.controller.tick(next);
+            }
             self.watch_shutter();
         }
     }

@@ -58,14 +58,19 @@ impl Host {
     }
 }
 
+/// The rig's configuration without leases: this host asks nothing while it waits for an answer.
+fn configuration(config: &MechanicsConfig) -> Configuration {
+    let mut configuration = config.configuration();
+    (configuration.settings.lease_ms, configuration.settings.lamp_lease_ms) = (0, 0);
+    configuration
+}
+
 fn start(config: &MechanicsConfig) -> (SimulatedRig, Host) {
     let rig = SimulatedRig::new(config);
     let mut host = Host { link: rig.link(), decoder: FrameDecoder::new(), next_id: 1 };
     host.send(&ToController::Hello(Hello::new(1)));
     host.receive();
-    // This host asks nothing while it waits for an answer.
-    let mut configuration = config.configuration();
-    (configuration.settings.lease_ms, configuration.settings.lamp_lease_ms) = (0, 0);
+    let configuration = configuration(config);
     let rest = [Command::Home, Command::Lamp { on: true, level: 65535 }];
     for command in configuration.commands().into_iter().chain(rest) {
         assert!(matches!(host.ask(command), Outcome::Done(_)));
@@ -202,7 +207,7 @@ fn host_on_tcp_is_greeted() {
 
 /// The default rig with a TMC2209 for pan that looks for stalls.
 fn with_driver(config: &MechanicsConfig) -> Configuration {
-    let mut configuration = config.configuration();
+    let mut configuration = configuration(config);
     configuration.axes[0].driver = Some(DriverParameters {
         run_ma: 884,
         hold_ma: 442,
@@ -238,7 +243,7 @@ fn drivers_registers_are_set_over_the_wire_and_again_before_homing() {
 fn motor_that_is_blocked_is_a_stall_only_to_a_driver_that_looks_for_it() {
     let config = MechanicsConfig::ideal();
     for (configuration, fault) in
-        [(config.configuration(), Fault::HomingFailed), (with_driver(&config), Fault::Stall)]
+        [(configuration(&config), Fault::HomingFailed), (with_driver(&config), Fault::Stall)]
     {
         let (rig, mut host) = start(&config);
         assert_eq!(host.configure(&configuration), Outcome::Done(Answer::Nothing));
