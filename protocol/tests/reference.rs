@@ -46,6 +46,7 @@ fn every_message_is_in_the_reference() {
         "Light",
         "Settings",
         "AxisParameters",
+        "DriverParameters",
         "Exposure",
         "HomingReport",
         "LampStatus",
