@@ -25,7 +25,7 @@ pub(super) struct FitArgs {
     /// The SBRDF map to write (OpenEXR); required for a sampled SBRDF
     #[arg(short, long, value_name = "FILE.exr")]
     pub(super) output: Option<PathBuf>,
-    /// Lobes beside the diffuse term: 0 to 3, or `auto` (2; 1 with the line search)
+    /// Lobes beside the diffuse term: 0 to 4, or `auto` (2; 1 with the line search)
     #[arg(long, default_value = "auto", value_name = "auto|N", value_parser = parse_lobes)]
     pub(super) lobes: Lobes,
     /// How the lobes' shapes are found
@@ -66,11 +66,13 @@ pub(super) enum Lobes {
 /// Names of methods on the command line.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub(super) enum MethodName {
-    /// Levenberg–Marquardt
+    /// Separable where the residual is linear in f, else Levenberg–Marquardt
     Auto,
+    /// Variable projection: only the shapes are searched, the albedos of all channels follow in closed form
+    Separable,
     /// The published line search over the exponent; one lobe
     LineSearch,
-    /// Levenberg–Marquardt from a deterministic search for the start
+    /// Levenberg–Marquardt over shapes and albedos, on luminance, then colours
     Lm,
 }
 
@@ -113,18 +115,20 @@ fn parse_lobes(text: &str) -> std::result::Result<Lobes, String> {
 }
 
 impl FitArgs {
-    fn method(&self) -> Method {
+    fn method(&self, residual: Residual) -> Method {
         match self.method {
             MethodName::LineSearch => Method::LineSearch,
+            MethodName::Separable => Method::Separable,
+            MethodName::Auto if residual.is_linear() => Method::Separable,
             MethodName::Auto | MethodName::Lm => Method::Lm,
         }
     }
 
     fn lobes(&self) -> usize {
-        match (self.lobes, self.method()) {
+        match (self.lobes, self.method) {
             (Lobes::Count(count), _) => count,
-            (Lobes::Auto, Method::LineSearch) => 1,
-            (Lobes::Auto, Method::Lm) => AUTO_LOBES,
+            (Lobes::Auto, MethodName::LineSearch) => 1,
+            (Lobes::Auto, _) => AUTO_LOBES,
         }
     }
 
@@ -181,13 +185,14 @@ fn fit_sampled(args: &FitArgs) -> Result<FitOutcome> {
     if !args.hold_out_theta_deg.is_empty() || args.random_starts > 0 {
         return Err(Error::input("--hold-out-theta-deg and --random-starts are for measured tables (.brdf)"));
     }
+    let residual = args.residual(FitOptions::default().residual);
     let options = FitOptions {
         lobes: args.lobes(),
-        method: args.method(),
+        method: args.method(residual),
         isotropic: args.isotropic || args.separate_channels,
         separate_channels: args.separate_channels,
         diffuse: args.diffuse_percentile.map_or(Diffuse::Joint, Diffuse::Percentile),
-        residual: args.residual(FitOptions::default().residual),
+        residual,
     };
     options.check()?;
     let sampled = SampledSbrdf::read_zarr(&args.input)?;
@@ -241,8 +246,17 @@ fn fit_table(args: &FitArgs, seed: u64) -> Result<FitOutcome> {
             "--diffuse-percentile and --separate-channels are for sampled SBRDFs (.zarr)",
         ));
     }
+    let method = match args.method {
+        MethodName::LineSearch => Method::LineSearch,
+        MethodName::Auto | MethodName::Lm => Method::Lm,
+        MethodName::Separable => {
+            return Err(Error::input(
+                "--method separable is for sampled SBRDFs (.zarr); tables are fitted by lm",
+            ));
+        }
+    };
     let options = TableOptions {
-        method: args.method(),
+        method,
         residual: args.residual(Residual::Balanced),
         hold_out_theta_deg: args.hold_out_theta_deg.clone(),
         random_starts: args.random_starts,
