@@ -173,6 +173,9 @@ impl Residual {
 pub struct FitOptions {
     /// Lobes, 0 (diffuse only) to [`MOST_LOBES`].
     pub lobes: usize,
+    /// Whether `lobes` is the most, and every texel gets as many as its samples support, anisotropic ones only where they are
+    /// better by the same criterion; the separable method alone.
+    pub choose: bool,
     /// Method.
     pub method: Method,
     /// Cx = Cy and β = 0.
@@ -189,6 +192,7 @@ impl Default for FitOptions {
     fn default() -> Self {
         Self {
             lobes: 1,
+            choose: false,
             method: Method::Separable,
             isotropic: true,
             separate_channels: false,
@@ -221,6 +225,12 @@ impl FitOptions {
             return Err(Error::input(format!(
                 "the separable fit needs a residual that is linear in f, which {} is not; use --method lm",
                 self.residual.name()
+            )));
+        }
+        if self.choose && self.method != Method::Separable {
+            return Err(Error::input(format!(
+                "only the separable fit chooses the number of lobes; name one for {}",
+                self.method.name()
             )));
         }
         if self.separate_channels && !self.isotropic {
@@ -348,7 +358,11 @@ fn add_sigmas(map: &mut SbrdfMap, fits: &[TexelFit]) {
 
 /// The map of the fits, with planes of errors and provenance.
 fn map_of(sampled: &SampledSbrdf, options: &FitOptions, fits: &[TexelFit]) -> SbrdfMap {
-    let planes = options.lobes * if options.separate_channels { 3 } else { 1 };
+    let planes = if options.choose {
+        fits.iter().map(|fit| fit.brdf.lobes.len()).max().unwrap_or(0)
+    } else {
+        options.lobes * if options.separate_channels { 3 } else { 1 }
+    };
     let mut map = SbrdfMap::new(sampled.width, sampled.height, planes);
     for (index, fit) in fits.iter().enumerate() {
         map.set(index, &fit.brdf);
@@ -359,6 +373,12 @@ fn map_of(sampled: &SampledSbrdf, options: &FitOptions, fits: &[TexelFit]) -> Sb
     plane("error.rms", |fit| fit.rms as f32);
     plane("error.relative", |fit| fit.relative as f32);
     plane("samples", |fit| fit.samples as f32);
+    if options.choose {
+        plane("lobes", |fit| fit.brdf.lobes.len() as f32);
+        plane("anisotropic", |fit| {
+            f32::from(u8::from(fit.brdf.lobes.iter().any(|lobe| lobe.c.x != lobe.c.y)))
+        });
+    }
     if options.method == Method::Separable {
         add_sigmas(&mut map, fits);
     }
@@ -369,6 +389,10 @@ fn map_of(sampled: &SampledSbrdf, options: &FitOptions, fits: &[TexelFit]) -> Sb
     };
     for (key, value) in [
         ("fit.method", options.method.name().to_string()),
+        (
+            "fit.lobes",
+            if options.choose { format!("auto:{}", options.lobes) } else { options.lobes.to_string() },
+        ),
         ("fit.residual", options.residual.name().to_string()),
         ("fit.diffuse", diffuse),
         ("fit.isotropic", options.isotropic.to_string()),

@@ -1,14 +1,16 @@
 // Fits rho_d and isotropic lobes to the texels of a file with Ceres on one thread and writes the coefficients.
 //
 // ceres IN OUT LOBES: IN holds int32 texels, int32 samples, then for each texel float64 plane[samples], zz[samples],
-// rgb[samples][3]. OUT gets float64 seconds, then for each texel rho_d[3] and for each lobe albedo[3], angle, ln n.
+// rgb[samples][3]. OUT gets float64 seconds of CPU time, then for each texel rho_d[3] and for each lobe albedo[3], angle, ln n.
 #include <ceres/ceres.h>
+#include <glog/logging.h>
 
-#include <chrono>
+#include <algorithm>
 #include <cmath>
 #include <cstdint>
 #include <cstdio>
 #include <cstdlib>
+#include <ctime>
 #include <vector>
 
 namespace {
@@ -17,7 +19,7 @@ struct Texel {
     std::vector<double> plane, zz, rgb;
 };
 
-// f = rho_d + sum albedo * base^n, base = sin(angle)/sqrt(2) * plane + cos(angle) * zz, with the analytic Jacobian.
+// f = rho_d + sum albedo * base^n, base = sqrt(3/2) sin(angle) plane + sqrt(3) cos(angle) zz, with the analytic Jacobian.
 class Residuals : public ceres::CostFunction {
 public:
     Residuals(const Texel& texel, int lobes) : texel_(texel), lobes_(lobes) {
@@ -38,8 +40,9 @@ public:
             }
             for (int j = 0; j < lobes_; ++j) {
                 const double* lobe = x + 3 + 5 * j;
-                const double s = std::sin(lobe[3]) * M_SQRT1_2, z = std::cos(lobe[3]), n = std::exp(lobe[4]);
-                const double base = s * texel_.plane[k] + z * texel_.zz[k];
+                const double across = std::sqrt(1.5) * texel_.plane[k], along = std::sqrt(3.0) * texel_.zz[k];
+                const double s = std::sin(lobe[3]), z = std::cos(lobe[3]), n = std::exp(lobe[4]);
+                const double base = s * across + z * along;
                 if (base <= 1e-12) continue;
                 const double log = std::log(base), shape = std::exp(n * log);
                 for (int c = 0; c < 3; ++c) {
@@ -47,12 +50,13 @@ public:
                     if (!jacobian) continue;
                     double* row = jacobian + (3 * k + c) * size + 3 + 5 * j;
                     row[c] = shape;
-                    row[3] = lobe[c] * shape * n / base * (z * M_SQRT1_2 * texel_.plane[k] - std::sin(lobe[3]) * texel_.zz[k]);
+                    row[3] = lobe[c] * shape * n / base * (z * across - s * along);
                     row[4] = lobe[c] * shape * n * log;
                 }
             }
         }
-        return true;
+        // A step into overflow is refused, as Ceres has it.
+        return std::all_of(residuals, residuals + texel_.rgb.size(), [](double r) { return std::isfinite(r); });
     }
 
 private:
@@ -64,6 +68,8 @@ private:
 
 int main(int argc, char** argv) {
     if (argc != 4) return 2;
+    google::InitGoogleLogging(argv[0]);
+    FLAGS_minloglevel = 3;
     const int lobes = std::atoi(argv[3]);
     std::FILE* in = std::fopen(argv[1], "rb");
     std::int32_t header[2];
@@ -79,7 +85,7 @@ int main(int argc, char** argv) {
     std::fclose(in);
     const int size = 3 + 5 * lobes;
     std::vector<double> found(texels.size() * size);
-    const auto start = std::chrono::steady_clock::now();
+    const std::clock_t start = std::clock();
     for (std::size_t t = 0; t < texels.size(); ++t) {
         double* x = &found[t * size];
         // The start of the source: Phong's lobe with n = 10, then a retro-reflective one with n = 5.
@@ -108,7 +114,7 @@ int main(int argc, char** argv) {
         ceres::Solver::Summary summary;
         ceres::Solve(options, &problem, &summary);
     }
-    const double seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+    const double seconds = static_cast<double>(std::clock() - start) / CLOCKS_PER_SEC;
     std::FILE* out = std::fopen(argv[2], "wb");
     if (!out || std::fwrite(&seconds, sizeof seconds, 1, out) != 1) return 1;
     if (std::fwrite(found.data(), sizeof(double), found.size(), out) != found.size()) return 1;

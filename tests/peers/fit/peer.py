@@ -1,10 +1,10 @@
-"""Fits the same samples with Lobelia, SciPy and Ceres, each on one core, and compares texels a second and cost.
+"""Fits the same samples with Lobelia, SciPy and Ceres, each on one core, and compares texels a second of CPU time and cost.
 
 peer.py LOBELIA FOLDER. All three minimise the sum over samples and channels of (model - sample)^2 for a diffuse term and
 isotropic lobes with RGB albedos. The cost of all three is computed here, from their coefficients.
 """
 
-import json
+import resource
 import subprocess
 import sys
 import time
@@ -18,7 +18,8 @@ from scipy.optimize import least_squares
 SIZE = 64
 POSES = 456
 SCIPY_TEXELS = 48
-HALF = np.sqrt(0.5)
+# Base = ACROSS sin(angle) plane + ALONG cos(angle) zz: of C = (-1, -1, 1) the base is 1 in the mirror direction.
+ACROSS, ALONG = np.sqrt(1.5), np.sqrt(3)
 
 
 def products(store):
@@ -44,7 +45,7 @@ def model(x, plane, zz):
     """The model's values [sample, 3] for rho_d, then albedo, angle and ln n a lobe."""
     values = np.broadcast_to(x[:3], (len(plane), 3)).copy()
     for lobe in x[3:].reshape(-1, 5):
-        base = np.sin(lobe[3]) * HALF * plane + np.cos(lobe[3]) * zz
+        base = np.sin(lobe[3]) * ACROSS * plane + np.cos(lobe[3]) * ALONG * zz
         shape = np.where(base > 1e-12, np.maximum(base, 1e-12) ** np.exp(lobe[4]), 0.0)
         values += shape[:, None] * lobe[:3]
     return values
@@ -55,11 +56,11 @@ def jacobian(x, plane, zz):
     rows[:, [0, 1, 2], [0, 1, 2]] = 1.0
     for j, lobe in enumerate(x[3:].reshape(-1, 5)):
         at, n = 3 + 5 * j, np.exp(lobe[4])
-        base = np.sin(lobe[3]) * HALF * plane + np.cos(lobe[3]) * zz
+        base = np.sin(lobe[3]) * ACROSS * plane + np.cos(lobe[3]) * ALONG * zz
         safe = np.maximum(base, 1e-12)
         log = np.log(safe)
         shape = np.where(base > 1e-12, np.exp(n * log), 0.0)
-        slope = shape * n / safe * (np.cos(lobe[3]) * HALF * plane - np.sin(lobe[3]) * zz)
+        slope = shape * n / safe * (np.cos(lobe[3]) * ACROSS * plane - np.sin(lobe[3]) * ALONG * zz)
         for c in range(3):
             rows[:, c, at + c] = shape
             rows[:, c, at + 3] = lobe[c] * slope
@@ -76,11 +77,11 @@ def start(lobes):
 
 def by_scipy(plane, zz, rgb, lobes):
     """Coefficients and seconds of least_squares: MINPACK's Levenberg-Marquardt with the analytic Jacobian."""
-    begin, found = time.perf_counter(), []
+    begin, found = time.process_time(), []
     for p, z, f in zip(plane, zz, rgb):
         residual = lambda x: (model(x, p, z) - f).ravel()
         found.append(least_squares(residual, start(lobes), lambda x: jacobian(x, p, z), method="lm").x)
-    return np.array(found), time.perf_counter() - begin
+    return np.array(found), time.process_time() - begin
 
 
 def by_ceres(folder, plane, zz, rgb, lobes):
@@ -95,21 +96,23 @@ def by_ceres(folder, plane, zz, rgb, lobes):
 
 
 def by_lobelia(program, folder, lobes):
-    """Coefficients in this script's form and seconds of the fit alone."""
-    output, report = folder / "lobelia.exr", folder / "lobelia.json"
+    """Coefficients in this script's form and seconds of the whole command, files included."""
+    output = folder / "lobelia.exr"
     options = ["--lobes", str(lobes), "--isotropic", "--residual", "linear", "--threads", "1", "--quiet"]
-    command = [program, "fit", folder / "samples.zarr", "-o", output, "--report", report] + options
+    command = [program, "fit", folder / "samples.zarr", "-o", output] + options
+    seconds = lambda: resource.getrusage(resource.RUSAGE_CHILDREN).ru_utime + resource.getrusage(resource.RUSAGE_CHILDREN).ru_stime
+    before = seconds()
     subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
+    taken = seconds() - before
     channels = OpenEXR.File(str(output), separate_channels=True).channels()
     plane = lambda name: channels[name].pixels.astype(float).ravel()
     columns = [plane(f"rho_d.{c}") for c in "RGB"]
     for j in range(lobes):
         cx, cz, n = plane(f"lobe{j}.C.x"), plane(f"lobe{j}.C.z"), plane(f"lobe{j}.n")
-        length = np.hypot(np.sqrt(2) * cx, cz)
+        length = np.hypot(np.sqrt(2) * cx, cz) / np.sqrt(3)
         columns += [plane(f"lobe{j}.rho_s.{c}") * length**n for c in "RGB"]
         columns += [np.arctan2(np.sqrt(2) * cx, cz), np.log(n)]
-    rate = json.loads(report.read_text())["figures"]["texels_per_second"]
-    return np.stack(columns, -1), len(columns[0]) / rate
+    return np.stack(columns, -1), taken
 
 
 def costs(found, plane, zz, rgb):
@@ -122,7 +125,7 @@ def main(program, folder):
     synth = [program, "synth", recipe, "-o", folder / "samples.zarr", "--size", f"{SIZE}x{SIZE}", "--poses", str(POSES)]
     subprocess.run(synth + ["--noise", "1e-3", "--quiet"], check=True, stdout=subprocess.DEVNULL)
     plane, zz, rgb = products(folder / "samples.zarr")
-    print(f"{SIZE * SIZE} texels x {POSES} RGB samples, noise 1e-3 1/sr, one core; SciPy on {SCIPY_TEXELS} texels")
+    print(f"{SIZE * SIZE} texels x {POSES} RGB samples, noise 1e-3 1/sr, texels a second of CPU time; SciPy on {SCIPY_TEXELS} texels")
     print("lobes  by        texels/s   Lobelia's rate   cost / Lobelia's: median  best  worst   cost above 1.001 x the other's")
     some = np.linspace(0, SIZE * SIZE - 1, SCIPY_TEXELS).astype(int)
     for lobes in (1, 2):

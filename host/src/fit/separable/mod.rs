@@ -6,8 +6,9 @@
 //! darker or brighter the channel is on the whole.
 //!
 //! From the outside in: [`texel`] fits one texel, [`start`] finds where to begin, [`solver`] optimises, [`normal`] does the small linear
-//! algebra on the products of the [`columns`] that [`shape`] defines over the [`data`], with [`math`] that vectorises; [`uncertainty`] says how sure the result is.
+//! algebra on the products of the [`columns`] that [`shape`] defines over the [`data`], with [`math`] that vectorises; [`uncertainty`] says how sure the result is, [`choice`] how many lobes it takes.
 
+pub mod choice;
 pub mod columns;
 pub mod data;
 pub mod math;

@@ -10,6 +10,7 @@ use pulp::WithSimd;
 use super::super::linear;
 use super::super::lm::{Limits, Outcome};
 use super::super::model::{Model, ModelLobe, isotropic_c};
+use super::choice;
 use super::columns::{CHANNELS, MOST_LOBES, WIDTH};
 use super::data::Products;
 use super::normal::{Amplitudes, LINEAR};
@@ -155,36 +156,93 @@ pub struct Task {
     pub diffuse: bool,
     /// Effort.
     pub effort: Effort,
+    /// Whether `lobes` is the most: then as many as [`choice`] finds supported.
+    pub choose: bool,
+}
+
+/// What a search found.
+#[derive(Debug, Clone)]
+pub struct Found {
+    /// The shapes.
+    pub model: Model,
+    /// Their amplitudes.
+    pub at: Amplitudes,
+    /// Cost and convergence.
+    pub outcome: Outcome,
+    /// Squared residuals of the poses, each predicted without it; empty where there is no choice to make.
+    pub left_out: Vec<f64>,
+}
+
+impl Found {
+    /// Optimises a model to convergence.
+    fn of(solver: &mut Solver, task: Task, mut model: Model) -> Self {
+        let (at, outcome) = minimise(solver, task, task.effort.limits, &mut model);
+        let mut left_out = Vec::new();
+        if task.choose {
+            // The last step tried may have been another one.
+            solver.evaluate(task.family, task.diffuse, &model);
+            left_out = choice::left_out(solver, task, &model, &at);
+        }
+        Self { model, at, outcome, left_out }
+    }
 }
 
 impl Search {
     /// The best fit that the search finds. The solver has begun with the texel's data.
-    pub fn best(&mut self, solver: &mut Solver, bank: &Bank, task: Task) -> (Model, Amplitudes, Outcome) {
-        let Task { family, diffuse, effort, .. } = task;
+    pub fn best(&mut self, solver: &mut Solver, bank: &Bank, task: Task) -> Found {
         let mut beam = vec![Candidate { cost: f64::INFINITY, model: Model::default() }];
+        let mut chosen: Option<Found> = None;
+        if task.choose {
+            chosen = Some(Found::of(solver, task, Model::default()));
+        }
         for added in 1..=task.lobes {
-            let mut next = Vec::with_capacity(effort.tries * beam.len());
-            for set in &beam {
-                let at = solver.evaluate(family, diffuse, &set.model);
-                self.extend(solver, bank, task, &set.model, &at, &mut next);
-            }
+            let last = added == task.lobes;
+            let next = self.extended(solver, bank, task, &beam, !last || task.choose);
             if next.is_empty() {
                 break;
             }
-            let few = Limits { iterations: effort.steps, ..effort.limits };
-            if next.len() > 1 || added < task.lobes {
-                for candidate in &mut next {
-                    candidate.cost = minimise(solver, task, few, &mut candidate.model).1.cost;
-                }
-            }
-            next.sort_by(|a, b| a.cost.total_cmp(&b.cost));
-            next.dedup_by(|b, a| (b.cost - a.cost).abs() <= 1e-5 * a.cost);
-            next.truncate(if added < task.lobes { effort.beam } else { 1 });
             beam = next;
+            if let Some(best) = &mut chosen {
+                let found = Found::of(solver, task, beam[0].model.clone());
+                if !choice::is_better(&found.left_out, &best.left_out) {
+                    break;
+                }
+                *best = found;
+            } else if last {
+                beam.truncate(1);
+            }
         }
-        let mut model = beam.swap_remove(0).model;
-        let (at, outcome) = minimise(solver, task, effort.limits, &mut model);
-        (model, at, outcome)
+        match chosen {
+            Some(found) => found,
+            None => Found::of(solver, task, beam.swap_remove(0).model),
+        }
+    }
+
+    /// The best sets of one lobe more than those of the beam, the best first; tried for a few steps where `tried`, or where there are several.
+    fn extended(
+        &mut self,
+        solver: &mut Solver,
+        bank: &Bank,
+        task: Task,
+        beam: &[Candidate],
+        tried: bool,
+    ) -> Vec<Candidate> {
+        let Task { family, diffuse, effort, .. } = task;
+        let mut next = Vec::with_capacity(effort.tries * beam.len());
+        for set in beam {
+            let at = solver.evaluate(family, diffuse, &set.model);
+            self.extend(solver, bank, task, &set.model, &at, &mut next);
+        }
+        let few = Limits { iterations: effort.steps, ..effort.limits };
+        if next.len() > 1 || tried {
+            for candidate in &mut next {
+                candidate.cost = minimise(solver, task, few, &mut candidate.model).1.cost;
+            }
+        }
+        next.sort_by(|a, b| a.cost.total_cmp(&b.cost));
+        next.dedup_by(|b, a| (b.cost - a.cost).abs() <= 1e-5 * a.cost);
+        next.truncate(effort.beam);
+        next
     }
 
     /// Adds to `found` the model with one lobe of the bank more, for the best local maxima.

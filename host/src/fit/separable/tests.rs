@@ -11,7 +11,7 @@ use super::super::{FitOptions, Residual, start as lm_start};
 use super::normal;
 use super::shape::{self, Family};
 use super::solver::Solver;
-use super::start::{Bank, Effort, Search, Task};
+use super::start::{Bank, Effort, Found, Search, Task};
 use crate::reflectance::{Brdf, Lobe, LobeBrdf, Rgb};
 
 const EXACT: Limits = Limits { iterations: 200, tolerance: 1e-13 };
@@ -86,8 +86,14 @@ fn one_channel_comes_to_the_cost_of_levenberg_marquardt_over_all_unknowns() {
 
         let mut solver = solver(&samples, &[1], Residual::Linear);
         let bank = bank(&solver);
-        let task = Task { lobes, family: Family::Isotropic, diffuse: true, effort: Effort::texel(lobes) };
-        let (_, at, outcome) = Search::default().best(&mut solver, &bank, task);
+        let task = Task {
+            lobes,
+            family: Family::Isotropic,
+            diffuse: true,
+            effort: Effort::texel(lobes),
+            choose: false,
+        };
+        let Found { at, outcome, .. } = Search::default().best(&mut solver, &bank, task);
         println!("{seed}: {:e} {:e} in {} steps", at.cost, reference.cost, outcome.iterations);
         worse += usize::from(at.cost > 1.02 * reference.cost);
         better += usize::from(at.cost < 0.98 * reference.cost);
@@ -108,8 +114,8 @@ fn an_anisotropic_material_without_noise_comes_back_with_its_direction_and_colou
         let mut solver = solver(&samples, &[0, 1, 2], Residual::Linear);
         let bank = bank(&solver);
         let effort = Effort { limits: EXACT, ..Effort::texel(1) };
-        let task = Task { lobes: 1, family: Family::Anisotropic, diffuse: true, effort };
-        let (model, at, _) = Search::default().best(&mut solver, &bank, task);
+        let task = Task { lobes: 1, family: Family::Anisotropic, diffuse: true, effort, choose: false };
+        let Found { model, at, .. } = Search::default().best(&mut solver, &bank, task);
         let colours = at.x.map(|x| x[1] as f32);
         let fitted = model.to_brdf(Rgb::from_array(at.x.map(|x| x[0] as f32)), &[Rgb::from_array(colours)]);
         let error = testing::relative_error(&fitted, &truth, &directions(300, 77));
@@ -124,8 +130,9 @@ fn a_lobe_that_only_one_channel_has_is_zero_in_the_others() {
     let samples = testing::samples(&directions(120, 3), |wi, wo| truth.eval(wi, wo));
     let mut solver = solver(&samples, &[0, 1, 2], Residual::Linear);
     let bank = bank(&solver);
-    let task = Task { lobes: 1, family: Family::Isotropic, diffuse: true, effort: Effort::texel(1) };
-    let (model, at, _) = Search::default().best(&mut solver, &bank, task);
+    let task =
+        Task { lobes: 1, family: Family::Isotropic, diffuse: true, effort: Effort::texel(1), choose: false };
+    let Found { model, at, .. } = Search::default().best(&mut solver, &bank, task);
     assert!((model.lobes[0].n - 15.0).abs() < 1e-3, "{model:?}");
     assert!(at.x[1][1].abs() < 1e-6 && at.x[2][1].abs() < 1e-6 && at.x[2][0] < 1e-6, "{at:?}");
     assert!((at.x[1][0] - 0.2).abs() < 1e-6, "{at:?}");
@@ -159,8 +166,14 @@ fn share_within_two_percent(texels: u64, lobes: usize) -> f64 {
         let samples = measured(&directions(200, seed + 100), &truth, 0.08, &mut random);
         let mut solver = solver(&samples, &[0, 1, 2], Residual::Proportional);
         let bank = bank(&solver);
-        let task = Task { lobes, family: Family::Isotropic, diffuse: true, effort: Effort::texel(lobes) };
-        let (_, found, _) = Search::default().best(&mut solver, &bank, task);
+        let task = Task {
+            lobes,
+            family: Family::Isotropic,
+            diffuse: true,
+            effort: Effort::texel(lobes),
+            choose: false,
+        };
+        let found = Search::default().best(&mut solver, &bank, task).at;
         let mut best = f64::INFINITY;
         for _ in 0..64 {
             let mut model = Model::default();
@@ -252,4 +265,52 @@ fn so_they_are_for_1000_repeats() {
         println!("{ratios:.3?}");
         assert!(ratios.iter().all(|(_, ratio)| (ratio - 1.0).abs() < 0.09), "{ratios:?}");
     }
+}
+
+/// How many lobes `auto` gives texels of materials with 0 to 3 lobes that differ well, and the errors on unposed directions over those
+/// of the right fixed number.
+#[test]
+fn auto_finds_the_number_of_lobes_their_kind_and_isotropy() {
+    let lobe = |rho_s: [f32; 3], c: [f32; 3], n| Lobe {
+        rho_s: Rgb::from_array(rho_s),
+        c: glam::Vec3::from_array(c),
+        n,
+    };
+    let sheen = lobe([0.16, 0.06, 0.03], [-0.9, -0.9, 1.0], 7.0);
+    let coat = lobe([0.45, 0.45, 0.45], [-1.0, -1.0, 1.0], 60.0);
+    let back = lobe([0.06, 0.08, 0.16], [0.9, 0.9, 0.8], 8.0);
+    let thread = lobe([0.5, 0.4, 0.2], [-1.0, -0.8, 0.95], 25.0);
+    let cases = [
+        (vec![], false),
+        (vec![coat], false),
+        (vec![back], false),
+        (vec![thread], true),
+        (vec![coat, sheen], false),
+        (vec![coat, sheen, back], false),
+    ];
+    let mut workspace = super::texel::Workspace::default();
+    let (mut right, mut total) = (0, 0);
+    for (index, (lobes, anisotropic)) in cases.into_iter().enumerate() {
+        let beta = if anisotropic { 0.3 } else { 0.0 };
+        let truth = LobeBrdf { rho_d: Rgb::new(0.05, 0.1, 0.02), beta, lobes };
+        for seed in 0..10 {
+            let mut random = Random::new(seed);
+            let samples = measured(&directions(250, 40 * index as u64 + seed), &truth, 0.08, &mut random);
+            workspace.take(&samples);
+            let most = super::super::MOST_LOBES;
+            let options = FitOptions { lobes: most, choose: true, isotropic: false, ..FitOptions::default() };
+            let found = workspace.fit(&options).brdf;
+            let spread = found.lobes.iter().any(|lobe| lobe.c.x != lobe.c.y);
+            let retro = |brdf: &LobeBrdf| brdf.lobes.iter().filter(|lobe| lobe.c.x > 0.0).count();
+            let same = found.lobes.len() == truth.lobes.len()
+                && spread == anisotropic
+                && retro(&found) == retro(&truth);
+            let error = testing::relative_error(&found, &truth, &directions(300, 991));
+            println!("{index} {seed}: {} lobes, anisotropic {spread}, error {error:.4}", found.lobes.len());
+            assert!(error < 0.03, "{index} {seed}: {error} {found:?}");
+            right += usize::from(same);
+            total += 1;
+        }
+    }
+    assert!(right * 100 >= 90 * total, "{right} of {total}");
 }

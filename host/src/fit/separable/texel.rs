@@ -6,6 +6,7 @@ use super::super::model::Model;
 use super::super::samples::Samples;
 use super::super::texel::{TexelFit, affordable_lobes};
 use super::super::{Diffuse, FitOptions, Residual, diffuse};
+use super::choice;
 use super::data::{Data, Poses};
 use super::normal::Amplitudes;
 use super::shape::Family;
@@ -122,6 +123,7 @@ impl Workspace {
             family: if options.isotropic { Family::Isotropic } else { Family::Anisotropic },
             diffuse: fixed.is_none(),
             effort: Effort::texel(lobes),
+            choose: options.choose,
         };
         let mut brdf = LobeBrdf { rho_d: fixed.map_or(Rgb::ZERO, rgb), ..LobeBrdf::default() };
         let mut sigma = Sigma::default();
@@ -130,7 +132,7 @@ impl Workspace {
             let arch = self.solver.arch;
             arch.dispatch(Aim(&mut self.solver.data, channels, options.residual, fixed));
             self.solver.begin();
-            let (model, _, _) = self.search.best(&mut self.solver, &self.bank, task);
+            let (task, model) = self.search(task);
             let at = self.solver.evaluate(task.family, task.diffuse, &model);
             let group = self.brdf(channels, &model, &at);
             brdf.rho_d += group.rho_d;
@@ -144,6 +146,22 @@ impl Workspace {
         let rms = (error / (3 * valid).max(1) as f64).sqrt();
         let relative = if whole > 0.0 { (error / whole).sqrt() } else { 0.0 };
         TexelFit { brdf, rms, relative, samples: valid, sigma: Some(sigma) }
+    }
+
+    /// The model that the search finds, with the task whose family it belongs to: where the number of lobes is a choice, so is isotropy.
+    fn search(&mut self, task: Task) -> (Task, Model) {
+        let found = self.search.best(&mut self.solver, &self.bank, task);
+        if task.choose && task.family == Family::Anisotropic {
+            let isotropic = Task { family: Family::Isotropic, ..task };
+            let other = self.search.best(&mut self.solver, &self.bank, isotropic);
+            let fewer = found.model.lobes.len() < other.model.lobes.len();
+            let better = choice::is_better(&found.left_out, &other.left_out);
+            let worse = choice::is_better(&other.left_out, &found.left_out);
+            if !(better || fewer && !worse) {
+                return (isotropic, other.model);
+            }
+        }
+        (task, found.model)
     }
 
     /// The BRDF of the channels that were fitted together.

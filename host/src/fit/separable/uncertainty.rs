@@ -65,13 +65,13 @@ impl Sigma {
 const UNTOLD: f64 = 1e3;
 
 /// The covariance of the shapes' unknowns but for σ², row by row.
-struct Covariance {
+pub(super) struct Covariance {
     matrix: [f64; UNKNOWNS * UNKNOWNS],
     size: usize,
 }
 
 impl Covariance {
-    fn new(normal: &Normal) -> Self {
+    pub(super) fn new(normal: &Normal) -> Self {
         let size = normal.size;
         let largest = (0..size).map(|i| normal.matrix[i * size + i]).fold(0.0, f64::max);
         let told: Vec<usize> = (0..size).filter(|&i| normal.matrix[i * size + i] > 1e-13 * largest).collect();
@@ -102,9 +102,13 @@ impl Covariance {
 
     /// gᵀ cov g.
     fn along(&self, gradient: &[f64; UNKNOWNS]) -> f64 {
-        let row =
-            |i: usize| (0..self.size).map(|j| self.matrix[i * self.size + j] * gradient[j]).sum::<f64>();
-        (0..self.size).map(|i| gradient[i] * row(i)).sum::<f64>().max(0.0)
+        self.between(gradient, gradient).max(0.0)
+    }
+
+    /// gᵀ cov h.
+    pub(super) fn between(&self, g: &[f64; UNKNOWNS], h: &[f64; UNKNOWNS]) -> f64 {
+        let row = |i: usize| (0..self.size).map(|j| self.matrix[i * self.size + j] * h[j]).sum::<f64>();
+        (0..self.size).filter(|&i| g[i] != 0.0).map(|i| g[i] * row(i)).sum()
     }
 }
 
@@ -180,6 +184,46 @@ fn of_shape(
     (c, (variance * covariance.along(&gradient)).sqrt().min(EXPONENTS[1]))
 }
 
+/// How a channel's free amplitudes follow the samples and the shapes.
+pub(super) struct Response {
+    /// Linear unknowns that are free.
+    pub members: Vec<usize>,
+    /// Cholesky factor of their products G.
+    pub factor: Vec<f64>,
+    /// M, their derivatives by the shapes' unknowns, a row a member.
+    pub by_shape: Vec<[f64; UNKNOWNS]>,
+}
+
+impl Response {
+    /// The response at a model that was evaluated last; none where the columns are not independent.
+    pub(super) fn new(solver: &Solver, layout: Layout, at: &Amplitudes, channel: usize) -> Option<Self> {
+        let (gram, x) = (&solver.gram, &at.x[channel]);
+        let members: Vec<usize> = (0..=layout.lobes).filter(|&unknown| at.free[channel][unknown]).collect();
+        let count = members.len();
+        let entry = |a: usize, b: usize| gram[a * WIDTH + b];
+        let mut factor: Vec<f64> = (0..count * count)
+            .map(|k| (layout.column(members[k / count]), layout.column(members[k % count])))
+            .map(|(a, b)| entry(a, b) * if a == b { 1.0 + 1e-12 } else { 1.0 })
+            .collect();
+        if !linear::factor(&mut factor, count) {
+            return None;
+        }
+        let mut by_shape = vec![[0.0; UNKNOWNS]; count];
+        for lobe in 0..layout.lobes {
+            for column in 0..layout.family.derivatives() {
+                let derivative = layout.derivative(lobe, column);
+                let mut along: Vec<f64> =
+                    members.iter().map(|&i| -x[1 + lobe] * entry(layout.column(i), derivative)).collect();
+                linear::substitute(&factor, &mut along);
+                for (row, along) in by_shape.iter_mut().zip(along) {
+                    row[layout.family.unknown(lobe, column, layout.lobes)] += along;
+                }
+            }
+        }
+        Some(Self { members, factor, by_shape })
+    }
+}
+
 /// Variances of a channel's ρ_d and amplitudes, but for σ² and the channel's scale.
 fn of_amplitudes(
     solver: &Solver,
@@ -189,39 +233,18 @@ fn of_amplitudes(
     channel: usize,
     covariance: &Covariance,
 ) -> [f64; LINEAR] {
-    let (gram, x) = (&solver.gram, &at.x[channel]);
-    let members: Vec<usize> = (0..=layout.lobes).filter(|&unknown| at.free[channel][unknown]).collect();
-    let count = members.len();
-    let entry = |a: usize, b: usize| gram[a * WIDTH + b];
-    let mut factor: Vec<f64> = (0..count * count)
-        .map(|k| (layout.column(members[k / count]), layout.column(members[k % count])))
-        .map(|(a, b)| entry(a, b) * if a == b { 1.0 + 1e-12 } else { 1.0 })
-        .collect();
     let mut variances = [0.0; LINEAR];
-    if !linear::factor(&mut factor, count) {
+    let Some(Response { members, factor, by_shape }) = Response::new(solver, layout, at, channel) else {
         return variances;
-    }
-    // M, a row a free amplitude.
-    let mut by_shape = vec![[0.0; UNKNOWNS]; count];
-    for lobe in 0..layout.lobes {
-        for column in 0..layout.family.derivatives() {
-            let derivative = layout.derivative(lobe, column);
-            let mut along: Vec<f64> =
-                members.iter().map(|&i| -x[1 + lobe] * entry(layout.column(i), derivative)).collect();
-            linear::substitute(&factor, &mut along);
-            for (row, along) in by_shape.iter_mut().zip(along) {
-                row[layout.family.unknown(lobe, column, layout.lobes)] += along;
-            }
-        }
-    }
+    };
     for (place, (&unknown, mut gradient)) in members.iter().zip(by_shape).enumerate() {
         if unknown > 0 {
             let lobe = &model.lobes[unknown - 1];
             for (turn, _, by_reference) in turns(solver, layout, model, unknown - 1) {
-                gradient[turn] += x[unknown] * lobe.n * by_reference;
+                gradient[turn] += at.x[channel][unknown] * lobe.n * by_reference;
             }
         }
-        let mut own = vec![0.0; count];
+        let mut own = vec![0.0; members.len()];
         own[place] = 1.0;
         linear::substitute(&factor, &mut own);
         variances[unknown] = own[place] + covariance.along(&gradient);
