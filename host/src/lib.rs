@@ -23,6 +23,7 @@ pub mod report;
 pub mod rig;
 pub mod sampled;
 pub mod scene;
+pub mod synth;
 pub mod toml_file;
 
 pub use error::{Error, Result};

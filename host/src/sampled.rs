@@ -62,8 +62,13 @@ impl SampledSbrdf {
 
     /// The samples of texel `index`, one a pose; NaN without a valid exposure.
     pub fn samples(&self, index: usize) -> impl Iterator<Item = Rgb> + '_ {
+        self.values(index).chunks_exact(3).map(Rgb::from_slice)
+    }
+
+    /// The same as a flat list, [pose, rgb].
+    pub fn values(&self, index: usize) -> &[f32] {
         let count = self.poses.len() * 3;
-        self.reflectance[index * count..(index + 1) * count].chunks_exact(3).map(Rgb::from_slice)
+        &self.reflectance[index * count..(index + 1) * count]
     }
 }
 

@@ -57,7 +57,7 @@ fn the_small_demo_meets_its_bounds() {
     assert_eq!(report["figures"]["poses"], 80);
     let registration = error_value(&report, "registration_rms", &[]);
     assert!(registration < 0.25, "registration is off by {registration} texels RMS");
-    let lobes = [("method", Value::from("lm")), ("lobes", Value::from(2))];
+    let lobes = [("method", Value::from("separable")), ("lobes", Value::from(2))];
     let reflectance = error_value(&report, "relative_rms_reflectance", &lobes);
     assert!(reflectance < 0.06, "two lobes are off by {reflectance}");
 

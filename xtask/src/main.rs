@@ -2,6 +2,7 @@
 
 mod firmware;
 mod packages;
+mod peers;
 
 use std::process::{Command, ExitCode};
 use std::time::Instant;
@@ -18,6 +19,8 @@ const HELP: &str = "cargo xtask TASK
   link-table  measures sessions on bad lines on the simulated rig's clock, and writes them into docs/link.md
   flash [--board B] [--probe VID:PID[:SERIAL]]
           writes a board's program, the stm32f405's unless told otherwise, by probe-rs, and leaves stored parameters as they are
+  peers [fit]
+          runs independent implementations on the same data: the fit beside SciPy and Ceres
   help    this text
 
 `test` installs the software Vulkan driver that the GPU tests need when it runs as root on a Debian-like machine, and
@@ -32,6 +35,7 @@ fn main() -> ExitCode {
         Some("firmware") => firmware::task(std::env::args().skip(2)),
         Some("link-table") => link_table(),
         Some("flash") => firmware::flash(std::env::args().skip(2)),
+        Some("peers") => peers::task(std::env::args().skip(2)),
         Some("help" | "--help" | "-h") | None => {
             println!("{HELP}");
             Ok(())

@@ -14,7 +14,7 @@ use crate::fit::{self, Diffuse, FitOptions, MOST_LOBES, Method, Residual};
 use crate::reflectance::{MeasuredTable, SbrdfMap};
 use crate::sampled::SampledSbrdf;
 
-/// Lobes unless a number is asked for: what most materials need and no start fails on.
+/// Lobes where the method cannot choose: what most materials need and no start fails on.
 const AUTO_LOBES: usize = 2;
 
 /// Arguments of `lobelia fit`.
@@ -25,8 +25,9 @@ pub(super) struct FitArgs {
     /// The SBRDF map to write (OpenEXR); required for a sampled SBRDF
     #[arg(short, long, value_name = "FILE.exr")]
     pub(super) output: Option<PathBuf>,
-    /// Lobes beside the diffuse term: 0 to 3, or `auto` (2; 1 with the line search)
-    #[arg(long, default_value = "auto", value_name = "auto|N", value_parser = parse_lobes)]
+    /// Lobes beside the diffuse term: 0 to 4, or `auto`: for each texel of a sampled SBRDF as many as its samples support, at most 4 or
+    /// N with `auto:N`, anisotropic only where that is better (separable method); 2 for tables and lm, 1 with the line search
+    #[arg(long, default_value = "auto", value_name = "auto[:N]|N", value_parser = parse_lobes)]
     pub(super) lobes: Lobes,
     /// How the lobes' shapes are found
     #[arg(long, value_enum, default_value_t = MethodName::Auto)]
@@ -57,8 +58,8 @@ pub(super) struct FitArgs {
 /// A number of lobes, or the choice left to the command.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Lobes {
-    /// [`AUTO_LOBES`], or 1 where the method cannot do more.
-    Auto,
+    /// What the samples support up to this many; [`AUTO_LOBES`] where the method cannot choose, or 1 where it cannot do more.
+    Auto(usize),
     /// This many.
     Count(usize),
 }
@@ -66,11 +67,13 @@ pub(super) enum Lobes {
 /// Names of methods on the command line.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub(super) enum MethodName {
-    /// Levenberg–Marquardt
+    /// Separable where the residual is linear in f, else Levenberg–Marquardt
     Auto,
+    /// Variable projection: only the shapes are searched, the albedos of all channels follow in closed form
+    Separable,
     /// The published line search over the exponent; one lobe
     LineSearch,
-    /// Levenberg–Marquardt from a deterministic search for the start
+    /// Levenberg–Marquardt over shapes and albedos, on luminance, then colours
     Lm,
 }
 
@@ -104,27 +107,41 @@ pub(super) struct FitOutcome {
 
 fn parse_lobes(text: &str) -> std::result::Result<Lobes, String> {
     if text == "auto" {
-        return Ok(Lobes::Auto);
+        return Ok(Lobes::Auto(MOST_LOBES));
     }
-    match text.parse() {
-        Ok(count) if count <= MOST_LOBES => Ok(Lobes::Count(count)),
-        _ => Err(format!("must be `auto` or 0 to {MOST_LOBES}")),
+    let (number, lobes): (_, fn(usize) -> Lobes) = match text.strip_prefix("auto:") {
+        Some(most) => (most, Lobes::Auto),
+        None => (text, Lobes::Count),
+    };
+    match number.parse() {
+        Ok(count) if count <= MOST_LOBES => Ok(lobes(count)),
+        _ => Err(format!("must be `auto`, `auto:N` or N, with N from 0 to {MOST_LOBES}")),
     }
 }
 
 impl FitArgs {
-    fn method(&self) -> Method {
+    fn method(&self, residual: Residual) -> Method {
         match self.method {
             MethodName::LineSearch => Method::LineSearch,
+            MethodName::Separable => Method::Separable,
+            MethodName::Auto if residual.is_linear() => Method::Separable,
             MethodName::Auto | MethodName::Lm => Method::Lm,
         }
     }
 
     fn lobes(&self) -> usize {
-        match (self.lobes, self.method()) {
+        match (self.lobes, self.method) {
             (Lobes::Count(count), _) => count,
-            (Lobes::Auto, Method::LineSearch) => 1,
-            (Lobes::Auto, Method::Lm) => AUTO_LOBES,
+            (Lobes::Auto(most), MethodName::LineSearch) => most.min(1),
+            (Lobes::Auto(most), _) => most.min(AUTO_LOBES),
+        }
+    }
+
+    /// The number of lobes of texels, and whether that is the most among which each texel chooses.
+    fn texel_lobes(&self, method: Method) -> (usize, bool) {
+        match self.lobes {
+            Lobes::Auto(most) if method == Method::Separable => (most, true),
+            _ => (self.lobes(), false),
         }
     }
 
@@ -181,13 +198,17 @@ fn fit_sampled(args: &FitArgs) -> Result<FitOutcome> {
     if !args.hold_out_theta_deg.is_empty() || args.random_starts > 0 {
         return Err(Error::input("--hold-out-theta-deg and --random-starts are for measured tables (.brdf)"));
     }
+    let residual = args.residual(FitOptions::default().residual);
+    let method = args.method(residual);
+    let (lobes, choose) = args.texel_lobes(method);
     let options = FitOptions {
-        lobes: args.lobes(),
-        method: args.method(),
+        lobes,
+        choose,
+        method,
         isotropic: args.isotropic || args.separate_channels,
         separate_channels: args.separate_channels,
         diffuse: args.diffuse_percentile.map_or(Diffuse::Joint, Diffuse::Percentile),
-        residual: args.residual(FitOptions::default().residual),
+        residual,
     };
     options.check()?;
     let sampled = SampledSbrdf::read_zarr(&args.input)?;
@@ -199,15 +220,31 @@ fn fit_sampled(args: &FitArgs) -> Result<FitOutcome> {
     let value =
         |name: &str| outcome.errors.iter().find(|error| error.name == name).map_or(0.0, |error| error.value);
     print(&format!(
-        "{} texels × {} poses, {} lobes by {}: {seconds:.1} s\nresidual: median {:.2} % of the samples' RMS, 95 % of the texels below {:.2} %\n",
+        "{} texels × {} poses, {} by {}: {seconds:.1} s\nresidual: median {:.2} % of the samples' RMS, 95 % of the texels below {:.2} %\n",
         sampled.texels(),
         sampled.poses.len(),
-        options.lobes,
+        lobes_in_words(&map, &options),
         options.method.name(),
         100.0 * value("residual_relative_median"),
         100.0 * value("residual_relative_p95"),
     ))?;
     Ok(outcome)
+}
+
+/// `2 lobes`, or how many texels took how many.
+fn lobes_in_words(map: &SbrdfMap, options: &FitOptions) -> String {
+    let word = |count: usize| if count == 1 { "lobe" } else { "lobes" };
+    let Some(chosen) = map.extra.get("lobes") else {
+        return format!("{} {}", options.lobes, word(options.lobes));
+    };
+    let most = map.lobes.len();
+    let share = |count: usize| {
+        let texels = chosen.iter().filter(|&&lobes| lobes as usize == count).count();
+        100.0 * texels as f64 / chosen.len().max(1) as f64
+    };
+    let shares: Vec<String> =
+        (0..=most).map(|count| format!("{count} {} in {:.0} %", word(count), share(count))).collect();
+    shares.join(", ")
 }
 
 /// Errors and rates of a fitted map.
@@ -219,12 +256,14 @@ pub(super) fn sampled_outcome(map: &SbrdfMap, options: &FitOptions, seconds: f64
     relative.sort_by(f32::total_cmp);
     let texels = map.width * map.height;
     let over = format!("{} texels", relative.len());
+    let lobes: serde_json::Value =
+        if options.choose { format!("auto:{}", options.lobes).into() } else { options.lobes.into() };
     let mut outcome = FitOutcome::default();
     for (name, share) in [("residual_relative_median", 0.5), ("residual_relative_p95", 0.95)] {
         let place = ((relative.len() as f64 * share) as usize).min(relative.len().saturating_sub(1));
         let value = relative.get(place).map_or(0.0, |&error| f64::from(error));
         let figure = ErrorFigure::new(name, value, "1", over.clone())
-            .with("lobes", options.lobes)
+            .with("lobes", lobes.clone())
             .with("method", options.method.name())
             .with("residual", options.residual.name());
         outcome.errors.push(figure);
@@ -241,8 +280,17 @@ fn fit_table(args: &FitArgs, seed: u64) -> Result<FitOutcome> {
             "--diffuse-percentile and --separate-channels are for sampled SBRDFs (.zarr)",
         ));
     }
+    let method = match args.method {
+        MethodName::LineSearch => Method::LineSearch,
+        MethodName::Auto | MethodName::Lm => Method::Lm,
+        MethodName::Separable => {
+            return Err(Error::input(
+                "--method separable is for sampled SBRDFs (.zarr); tables are fitted by lm",
+            ));
+        }
+    };
     let options = TableOptions {
-        method: args.method(),
+        method,
         residual: args.residual(Residual::Balanced),
         hold_out_theta_deg: args.hold_out_theta_deg.clone(),
         random_starts: args.random_starts,

@@ -19,6 +19,7 @@ mod fit;
 mod plan;
 mod render;
 mod rig;
+mod synth;
 mod template;
 
 /// Measures how flat materials reflect light at every texel, fits that with a few lobes, and renders it.
@@ -67,6 +68,8 @@ enum Command {
     Develop(develop::DevelopArgs),
     /// Fits lobes to a sampled SBRDF or to a measured table
     Fit(fit::FitArgs),
+    /// Makes a sampled SBRDF of a known material, with noise, to test fits on
+    Synth(synth::SynthArgs),
     /// Renders a scene
     Render(render::RenderArgs),
     /// Renders a run's poses from the fitted map, beside the photographs
@@ -94,6 +97,7 @@ impl Command {
             Self::Fit(_) => "fit",
             Self::Render(_) => "render",
             Self::Rig(_) => "rig",
+            Self::Synth(_) => "synth",
             Self::Chart(_) => "chart",
             Self::Compare(_) => "compare",
             Self::Template(_) => "template",
@@ -163,6 +167,7 @@ fn run(cli: Cli) -> Result<()> {
         Command::Rig(args) => rig::run(&args, &mut context),
         Command::Develop(args) => develop::run(&args, &mut context),
         Command::Fit(args) => fit::run(&args, &mut context),
+        Command::Synth(args) => synth::run(&args, &mut context),
         Command::Render(args) => render::run(&args, &mut context),
         Command::Compare(args) => compare::run(&args, &mut context),
         Command::Chart(args) => chart::run(&args, &mut context),

@@ -5,7 +5,15 @@
 /// Solves A x = b for a symmetric positive definite matrix, given row by row, in place: `a` becomes its Cholesky factor and `b`
 /// the solution. False where the matrix is not positive definite.
 pub fn solve_spd(a: &mut [f64], b: &mut [f64]) -> bool {
-    let size = b.len();
+    let regular = factor(a, b.len());
+    if regular {
+        substitute(a, b);
+    }
+    regular
+}
+
+/// Replaces the lower half of a symmetric matrix of `size` rows by its Cholesky factor; false where it is not positive definite.
+pub fn factor(a: &mut [f64], size: usize) -> bool {
     for i in 0..size {
         for j in 0..=i {
             let dot: f64 = (0..j).map(|k| a[i * size + k] * a[j * size + k]).sum();
@@ -20,6 +28,12 @@ pub fn solve_spd(a: &mut [f64], b: &mut [f64]) -> bool {
             }
         }
     }
+    true
+}
+
+/// Solves A x = b in place by the Cholesky factor of A.
+pub fn substitute(a: &[f64], b: &mut [f64]) {
+    let size = b.len();
     for i in 0..size {
         let dot: f64 = (0..i).map(|k| a[i * size + k] * b[k]).sum();
         b[i] = (b[i] - dot) / a[i * size + i];
@@ -28,7 +42,6 @@ pub fn solve_spd(a: &mut [f64], b: &mut [f64]) -> bool {
         let dot: f64 = (i + 1..size).map(|k| a[k * size + i] * b[k]).sum();
         b[i] = (b[i] - dot) / a[i * size + i];
     }
-    true
 }
 
 /// Most unknowns of [`nnls`].

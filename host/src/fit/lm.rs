@@ -81,7 +81,7 @@ impl Layout {
 }
 
 /// Unit tangents at C along which it may move; the second is unused when isotropic.
-fn tangents(c: DVec3, isotropic: bool) -> [DVec3; 2] {
+pub(super) fn tangents(c: DVec3, isotropic: bool) -> [DVec3; 2] {
     if isotropic {
         let half = std::f64::consts::FRAC_1_SQRT_2;
         return [DVec3::new(half * c.z, half * c.z, -(c.x + c.y) * half), DVec3::ZERO];

@@ -1,6 +1,7 @@
 //! Fits lobes (4.1)–(4.4) to sampled reflectance: texel by texel into an SBRDF map, or to one measured table.
 //!
-//! Two methods. [`Method::Lm`]: shapes by Levenberg–Marquardt on luminance ([`lm`]) from a deterministic search for the start ([`start`]),
+//! Three methods. [`Method::Separable`]: variable projection with the albedos of all channels in closed form ([`separable`]), for residuals
+//! that are linear in f. [`Method::Lm`]: shapes by Levenberg–Marquardt on luminance ([`lm`]) from a deterministic search for the start ([`start`]),
 //! then the colours by non-negative least squares ([`albedo`]); any number of lobes up to [`MOST_LOBES`]. [`Method::LineSearch`]: the
 //! published search over n for one lobe ([`line_search`]), above a percentile for ρ_d ([`diffuse`]).
 
@@ -14,6 +15,7 @@ pub mod lm;
 pub mod model;
 pub mod random;
 pub mod samples;
+pub mod separable;
 pub mod start;
 pub mod table;
 #[cfg(test)]
@@ -28,10 +30,11 @@ use crate::error::{Error, Result};
 use crate::progress;
 use crate::reflectance::SbrdfMap;
 use crate::sampled::SampledSbrdf;
+use separable::uncertainty::Sigma;
 use texel::{TexelFit, Workspace};
 
 /// Most lobes of a fit.
-pub const MOST_LOBES: usize = 3;
+pub const MOST_LOBES: usize = 4;
 
 /// The percentile for ρ_d that the source uses.
 pub const PERCENTILE: f64 = 10.0;
@@ -39,8 +42,10 @@ pub const PERCENTILE: f64 = 10.0;
 /// How the shapes are found.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Method {
-    /// Levenberg–Marquardt, any number of lobes.
+    /// Variable projection, any number of lobes; residuals that are linear in f.
     #[default]
+    Separable,
+    /// Levenberg–Marquardt over shapes and amplitudes, any number of lobes and any residual.
     Lm,
     /// The published line search over n, one lobe.
     LineSearch,
@@ -50,8 +55,18 @@ impl Method {
     /// The name on the command line and in reports.
     pub fn name(self) -> &'static str {
         match self {
+            Self::Separable => "separable",
             Self::Lm => "lm",
             Self::LineSearch => "line-search",
+        }
+    }
+
+    /// What the method is called in a sentence.
+    pub fn title(self) -> &'static str {
+        match self {
+            Self::Separable => "variable projection",
+            Self::Lm => "Levenberg–Marquardt",
+            Self::LineSearch => "line search",
         }
     }
 }
@@ -95,7 +110,7 @@ impl Residual {
     /// f cosθ_o at which the balanced residual is half logarithmic, half relative, sr⁻¹.
     const BRIGHT: f64 = 0.3;
     /// Floor of the proportional residual, sr⁻¹: additive noise over relative noise.
-    const NOISE_RATIO: f64 = 0.02;
+    pub(super) const NOISE_RATIO: f64 = 0.02;
 
     /// The name on the command line and in reports.
     pub fn name(self) -> &'static str {
@@ -158,6 +173,9 @@ impl Residual {
 pub struct FitOptions {
     /// Lobes, 0 (diffuse only) to [`MOST_LOBES`].
     pub lobes: usize,
+    /// Whether `lobes` is the most, and every texel gets as many as its samples support, anisotropic ones only where they are
+    /// better by the same criterion; the separable method alone.
+    pub choose: bool,
     /// Method.
     pub method: Method,
     /// Cx = Cy and β = 0.
@@ -174,7 +192,8 @@ impl Default for FitOptions {
     fn default() -> Self {
         Self {
             lobes: 1,
-            method: Method::Lm,
+            choose: false,
+            method: Method::Separable,
             isotropic: true,
             separate_channels: false,
             diffuse: Diffuse::Joint,
@@ -202,6 +221,18 @@ impl FitOptions {
                 self.lobes
             )));
         }
+        if self.method == Method::Separable && !self.residual.is_linear() {
+            return Err(Error::input(format!(
+                "the separable fit needs a residual that is linear in f, which {} is not; use --method lm",
+                self.residual.name()
+            )));
+        }
+        if self.choose && self.method != Method::Separable {
+            return Err(Error::input(format!(
+                "only the separable fit chooses the number of lobes; name one for {}",
+                self.method.name()
+            )));
+        }
         if self.separate_channels && !self.isotropic {
             return Err(Error::input(
                 "lobes of separate channels must be isotropic: a texel has one direction of anisotropy",
@@ -217,14 +248,26 @@ impl FitOptions {
 }
 
 /// Fits every texel in parallel. Beside the coefficients the map has the planes `error.rms` (sr⁻¹), `error.relative` and
-/// `samples` (valid ones a texel). The result is the same byte for byte whatever the number of threads.
+/// `samples` (valid ones a texel), and after the separable fit a standard deviation a coefficient, `sigma.rho_d.R` and so on. The result is the same byte for byte whatever the number of threads.
 ///
 /// # Errors
 /// Input errors: options that no method can do, or not one valid sample in any texel.
 pub fn fit_sbrdf(sampled: &SampledSbrdf, options: &FitOptions) -> Result<SbrdfMap> {
     options.check()?;
     let bar = progress::bar("fitting", sampled.texels() as u64, "texels");
-    let fits: Vec<TexelFit> = (0..sampled.texels())
+    let fits = match options.method {
+        Method::Separable => fit_blocks(sampled, options, &bar),
+        Method::Lm | Method::LineSearch => fit_texels(sampled, options, &bar),
+    };
+    if fits.iter().all(|fit| fit.samples == 0) {
+        return Err(Error::input("the sampled SBRDF has no valid sample in any texel"));
+    }
+    Ok(map_of(sampled, options, &fits))
+}
+
+/// Texel by texel.
+fn fit_texels(sampled: &SampledSbrdf, options: &FitOptions, bar: &progress::Bar) -> Vec<TexelFit> {
+    (0..sampled.texels())
         .into_par_iter()
         .with_min_len(16)
         .map_init(Workspace::default, |workspace, index| {
@@ -233,11 +276,50 @@ pub fn fit_sbrdf(sampled: &SampledSbrdf, options: &FitOptions) -> Result<SbrdfMa
             bar.advance(1);
             fit
         })
+        .collect()
+}
+
+/// Edge of the blocks of texels that share the directions from which the separable fit starts.
+const BLOCK: usize = 16;
+
+/// The separable fit, block by block.
+fn fit_blocks(sampled: &SampledSbrdf, options: &FitOptions, bar: &progress::Bar) -> Vec<TexelFit> {
+    let poses = separable::data::Poses::new(&sampled.poses);
+    let (width, height) = (sampled.width, sampled.height);
+    let columns = width.div_ceil(BLOCK);
+    let blocks: Vec<Vec<TexelFit>> = (0..columns * height.div_ceil(BLOCK))
+        .into_par_iter()
+        .map_init(separable::texel::Workspace::default, |workspace, block| {
+            let texels = block_texels(width, height, columns, block);
+            workspace.settle(&poses, sampled, texels.clone().nth(texels.clone().count() / 2).unwrap_or(0));
+            let fits = texels.map(|index| {
+                workspace.load(&poses, sampled, index);
+                let fit = workspace.fit(options);
+                bar.advance(1);
+                fit
+            });
+            fits.collect()
+        })
         .collect();
-    if fits.iter().all(|fit| fit.samples == 0) {
-        return Err(Error::input("the sampled SBRDF has no valid sample in any texel"));
+    let mut fits: Vec<Option<TexelFit>> = vec![None; sampled.texels()];
+    for (block, done) in blocks.into_iter().enumerate() {
+        for (index, fit) in block_texels(width, height, columns, block).zip(done) {
+            fits[index] = Some(fit);
+        }
     }
-    Ok(map_of(sampled, options, &fits))
+    fits.into_iter().flatten().collect()
+}
+
+/// The texels of a block, row by row.
+fn block_texels(
+    width: usize,
+    height: usize,
+    columns: usize,
+    block: usize,
+) -> impl Iterator<Item = usize> + Clone {
+    let (left, top) = (block % columns * BLOCK, block / columns * BLOCK);
+    let (right, bottom) = ((left + BLOCK).min(width), (top + BLOCK).min(height));
+    (top..bottom).flat_map(move |y| (left..right).map(move |x| y * width + x))
 }
 
 /// The samples of texel `index`.
@@ -251,9 +333,36 @@ fn load(samples: &mut samples::Samples, sampled: &SampledSbrdf, index: usize) {
     }
 }
 
+/// The planes `sigma.*`.
+fn add_sigmas(map: &mut SbrdfMap, fits: &[TexelFit]) {
+    let mut plane = |name: String, value: &dyn Fn(&Sigma) -> f64| {
+        let of = |fit: &TexelFit| fit.sigma.as_ref().map_or(0.0, |sigma| value(sigma) as f32);
+        map.extra.insert(format!("sigma.{name}"), fits.iter().map(of).collect());
+    };
+    for (channel, letter) in ["R", "G", "B"].into_iter().enumerate() {
+        plane(format!("rho_d.{letter}"), &|sigma| sigma.rho_d[channel]);
+    }
+    plane("beta".into(), &|sigma| sigma.beta);
+    let lobes = fits.iter().filter_map(|fit| fit.sigma.as_ref()).map(|sigma| sigma.lobes.len()).max();
+    for lobe in 0..lobes.unwrap_or(0) {
+        let of = |sigma: &Sigma| sigma.lobes.get(lobe).copied().unwrap_or_default();
+        for (channel, letter) in ["R", "G", "B"].into_iter().enumerate() {
+            plane(format!("lobe{lobe}.rho_s.{letter}"), &|sigma| of(sigma).rho_s[channel]);
+        }
+        for (axis, letter) in ["x", "y", "z"].into_iter().enumerate() {
+            plane(format!("lobe{lobe}.C.{letter}"), &|sigma| of(sigma).c[axis]);
+        }
+        plane(format!("lobe{lobe}.n"), &|sigma| of(sigma).n);
+    }
+}
+
 /// The map of the fits, with planes of errors and provenance.
 fn map_of(sampled: &SampledSbrdf, options: &FitOptions, fits: &[TexelFit]) -> SbrdfMap {
-    let planes = options.lobes * if options.separate_channels { 3 } else { 1 };
+    let planes = if options.choose {
+        fits.iter().map(|fit| fit.brdf.lobes.len()).max().unwrap_or(0)
+    } else {
+        options.lobes * if options.separate_channels { 3 } else { 1 }
+    };
     let mut map = SbrdfMap::new(sampled.width, sampled.height, planes);
     for (index, fit) in fits.iter().enumerate() {
         map.set(index, &fit.brdf);
@@ -264,13 +373,26 @@ fn map_of(sampled: &SampledSbrdf, options: &FitOptions, fits: &[TexelFit]) -> Sb
     plane("error.rms", |fit| fit.rms as f32);
     plane("error.relative", |fit| fit.relative as f32);
     plane("samples", |fit| fit.samples as f32);
+    if options.choose {
+        plane("lobes", |fit| fit.brdf.lobes.len() as f32);
+        plane("anisotropic", |fit| {
+            f32::from(u8::from(fit.brdf.lobes.iter().any(|lobe| lobe.c.x != lobe.c.y)))
+        });
+    }
+    if options.method == Method::Separable {
+        add_sigmas(&mut map, fits);
+    }
     let diffuse = match options.diffuse {
-        Diffuse::Joint if options.method == Method::Lm => "joint".to_string(),
+        Diffuse::Joint if options.method != Method::LineSearch => "joint".to_string(),
         Diffuse::Joint => format!("percentile {PERCENTILE}"),
         Diffuse::Percentile(percentile) => format!("percentile {percentile}"),
     };
     for (key, value) in [
         ("fit.method", options.method.name().to_string()),
+        (
+            "fit.lobes",
+            if options.choose { format!("auto:{}", options.lobes) } else { options.lobes.to_string() },
+        ),
         ("fit.residual", options.residual.name().to_string()),
         ("fit.diffuse", diffuse),
         ("fit.isotropic", options.isotropic.to_string()),

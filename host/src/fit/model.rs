@@ -12,6 +12,9 @@ use crate::reflectance::{Lobe, LobeBrdf, Rgb};
 /// Exponents are kept within these bounds.
 pub const EXPONENTS: [f64; 2] = [0.5, 5000.0];
 
+/// A lobe whose base stays below this within the cone of the samples is not seen.
+const LEAST_REFERENCE: f64 = 1e-3;
+
 /// One lobe of the model.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ModelLobe {
@@ -66,9 +69,18 @@ impl Turned {
 impl ModelLobe {
     /// A lobe of amplitude 1 with its reference at the largest base within the cone of the samples; none if it is not positive.
     pub fn over(samples: &Samples, c: DVec3, n: f64) -> Option<Self> {
-        let c = c.normalize();
-        let reference = largest_base(c, samples.cone);
-        (reference > 1e-3).then_some(Self { amplitude: 1.0, c, n, reference })
+        let lobe = Self::unit(c, n).within(samples.cone());
+        (lobe.reference > LEAST_REFERENCE).then_some(lobe)
+    }
+
+    /// A lobe of amplitude 1 with the reference 1.
+    pub fn unit(c: DVec3, n: f64) -> Self {
+        Self { amplitude: 1.0, c: c.normalize(), n, reference: 1.0 }
+    }
+
+    /// The same shape with the largest base within a cone as its reference, or [`LEAST_REFERENCE`] where that is less.
+    pub fn within(&self, cone: [f64; 2]) -> Self {
+        Self { reference: largest_base(self.c, cone).max(LEAST_REFERENCE), ..*self }
     }
 
     /// (b / r)ⁿ for the products of a sample in the lobe's frame.

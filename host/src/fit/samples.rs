@@ -24,8 +24,8 @@ pub struct Samples {
     pub rgb: Vec<[f64; 3]>,
     /// Weight of the sample's squared residual.
     pub weight: Vec<f64>,
-    /// Largest θ_i and θ_o of the samples, radians: the cone in which the fit interpolates.
-    pub cone: [f64; 2],
+    /// Cosines of the largest θ_i and θ_o of the samples.
+    lowest: Option<[f64; 2]>,
 }
 
 impl Samples {
@@ -37,6 +37,11 @@ impl Samples {
     /// Whether there are none.
     pub fn is_empty(&self) -> bool {
         self.value.is_empty()
+    }
+
+    /// Largest θ_i and θ_o of the samples, radians: the cone in which the fit interpolates.
+    pub fn cone(&self) -> [f64; 2] {
+        self.lowest.unwrap_or([1.0; 2]).map(f64::acos)
     }
 
     /// Forgets all samples, keeps the memory.
@@ -53,7 +58,7 @@ impl Samples {
             list.clear();
         }
         self.rgb.clear();
-        self.cone = [0.0; 2];
+        self.lowest = None;
     }
 
     fn push_directions(&mut self, wi: DVec3, wo: DVec3, weight: f64) {
@@ -63,8 +68,8 @@ impl Samples {
         self.zz.push(wi.z * wo.z);
         self.cos_o.push(wo.z);
         self.weight.push(weight);
-        self.cone[0] = self.cone[0].max(wi.z.min(1.0).acos());
-        self.cone[1] = self.cone[1].max(wo.z.min(1.0).acos());
+        let lowest = self.lowest.unwrap_or([1.0; 2]);
+        self.lowest = Some([lowest[0].min(wi.z), lowest[1].min(wo.z)]);
     }
 
     /// Adds a colour sample; one that is not finite, weighs nothing or lies below the horizon is left out.

@@ -146,7 +146,7 @@ fn a_negative_mean_and_a_black_texel_fit_to_black() {
 #[test]
 fn what_no_method_can_do_is_refused() {
     let refused = |options: FitOptions| options.check().unwrap_err().to_string();
-    assert!(refused(FitOptions { lobes: 4, ..Default::default() }).contains("at most 3"));
+    assert!(refused(FitOptions { lobes: 5, ..Default::default() }).contains("at most 4"));
     let line = FitOptions { lobes: 2, method: Method::LineSearch, ..Default::default() };
     assert!(refused(line).contains("--method lm"));
     let percentile = FitOptions { diffuse: Diffuse::Percentile(120.0), ..Default::default() };

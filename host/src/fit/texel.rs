@@ -3,6 +3,7 @@
 use super::lm::{Freedom, Optimiser};
 use super::model::Model;
 use super::samples::{Samples, Target};
+use super::separable::uncertainty::Sigma;
 use super::start::{Effort, Problem, Search};
 use super::{Diffuse, FitOptions, Method, albedo, diffuse, evaluate, line_search};
 use crate::reflectance::{LobeBrdf, Rgb, colour};
@@ -28,6 +29,8 @@ pub struct TexelFit {
     pub relative: f64,
     /// Samples that were valid.
     pub samples: usize,
+    /// Standard deviations of the coefficients; the separable fit alone gives them.
+    pub sigma: Option<Sigma>,
 }
 
 /// The channels that share their lobes' shapes, and what the shapes are fitted to.
@@ -67,11 +70,11 @@ pub fn fit(workspace: &mut Workspace, options: &FitOptions) -> TexelFit {
     }
     let rms = (error / (3 * count).max(1) as f64).sqrt();
     let relative = if whole > 0.0 { (error / whole).sqrt() } else { 0.0 };
-    TexelFit { brdf, rms, relative, samples: count }
+    TexelFit { brdf, rms, relative, samples: count, sigma: None }
 }
 
 /// The lobes asked for, or as many as `count` samples can tell apart.
-fn affordable_lobes(count: usize, options: &FitOptions) -> usize {
+pub(super) fn affordable_lobes(count: usize, options: &FitOptions) -> usize {
     let per_lobe = if options.isotropic { 3 } else { 4 };
     let unknowns = |lobes: usize| 1 + lobes * per_lobe + usize::from(!options.isotropic);
     (0..=options.lobes).rev().find(|&lobes| lobes == 0 || count > unknowns(lobes)).unwrap_or(0)
@@ -82,7 +85,7 @@ fn affordable_lobes(count: usize, options: &FitOptions) -> usize {
 fn fixed_diffuse(samples: &Samples, options: &FitOptions, lobes: usize) -> Option<[f64; 3]> {
     match (options.diffuse, options.method) {
         _ if lobes == 0 => None,
-        (Diffuse::Joint, Method::Lm) => None,
+        (Diffuse::Joint, Method::Lm | Method::Separable) => None,
         (Diffuse::Percentile(percentile), _) => Some(percentile_of(samples, percentile)),
         (Diffuse::Joint, Method::LineSearch) => Some(percentile_of(samples, super::PERCENTILE)),
     }

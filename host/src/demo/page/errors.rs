@@ -27,13 +27,14 @@ pub(super) fn section(outcome: &DemoOutcome, report: &Report) -> String {
 
 /// What a fit is called.
 pub fn fit_name(fit: &FitOutcome) -> String {
-    let method = match fit.method.name() {
-        "lm" => "Levenberg–Marquardt",
-        "line-search" => "Line search",
-        other => other,
-    };
+    let method = capitalised(fit.method.title());
     let channel = if fit.separate_channels { " a channel" } else { "" };
     format!("{method}, {} {}{channel}", fit.lobes, if fit.lobes == 1 { "lobe" } else { "lobes" })
+}
+
+fn capitalised(text: &str) -> String {
+    let mut letters = text.chars();
+    letters.next().map(|first| first.to_uppercase().chain(letters).collect()).unwrap_or_default()
 }
 
 /// The fits side by side, on the same axes.

@@ -66,7 +66,7 @@ fn head(outcome: &DemoOutcome, result: &FitOutcome, report: &Report, renderings:
         numbers::count(photographs),
         numbers::count(outcome.run.plan.poses.len()),
         if result.lobes == 1 { "one lobe".into() } else { format!("{} lobes", result.lobes) },
-        if result.method.name() == "lm" { "Levenberg–Marquardt" } else { "a line search" }
+        result.method.title()
     );
     let title = match renderings {
         [] => "A material, measured and fitted",

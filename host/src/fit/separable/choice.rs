@@ -1,0 +1,90 @@
+//! As many lobes as the samples support: a model is judged by how well it predicts poses that it was not fitted to.
+//!
+//! Leaving a pose out moves its residuals r to (I − H)⁻¹ r to first order, with H the pose's 3 × 3 block of the hat matrix of all unknowns, so no
+//! refit is needed. A lobe that stands on one or two samples has H near I there and predicts nothing. A larger model has to
+//! be better by two standard errors of the difference over poses: what errors of direction do to a few poses at
+//! the flank of a highlight no lobe should be fitted to.
+
+use glam::{DMat3, DVec3};
+
+use super::super::linear;
+use super::super::model::Model;
+use super::columns::CHANNELS;
+use super::normal::{self, Amplitudes, LINEAR};
+use super::shape::UNKNOWNS;
+use super::solver::Solver;
+use super::start::Task;
+use super::uncertainty::{Covariance, Response};
+
+/// Standard errors by which a larger model has to be better.
+const ERRORS: f64 = 2.0;
+
+/// The squared residuals of every pose, summed over channels, predicted without it; the model was evaluated last.
+pub fn left_out(solver: &Solver, task: Task, model: &Model, at: &Amplitudes) -> Vec<f64> {
+    let layout = solver.layout(task.family, task.diffuse, model);
+    let covariance = Covariance::new(&normal::normal(&solver.gram, layout, at));
+    let responses: Vec<Option<Response>> =
+        (0..layout.channels).map(|channel| Response::new(solver, layout, at, channel)).collect();
+    let columns = &solver.columns;
+    let weight = columns.column(0);
+    (0..weight.len())
+        .map(|k| {
+            if weight[k] <= 0.0 {
+                return 0.0;
+            }
+            let mut residual = DVec3::ZERO;
+            // Derivatives of the pose's values by the shapes, amplitudes following; what of the hat matrix is the amplitudes' own.
+            let mut slopes = [[0.0; UNKNOWNS]; CHANNELS];
+            let mut hat = DMat3::ZERO;
+            for (channel, response) in responses.iter().enumerate() {
+                let x = &at.x[channel];
+                residual[channel] = columns.column(1 + channel)[k];
+                for (unknown, &x) in x.iter().enumerate().take(layout.lobes + 1).filter(|&(_, &x)| x != 0.0) {
+                    residual[channel] -= x * columns.column(layout.column(unknown))[k];
+                }
+                for lobe in (0..layout.lobes).filter(|&lobe| x[1 + lobe] != 0.0) {
+                    for column in 0..layout.family.derivatives() {
+                        let by = columns.column(layout.derivative(lobe, column))[k];
+                        slopes[channel][layout.family.unknown(lobe, column, layout.lobes)] +=
+                            x[1 + lobe] * by;
+                    }
+                }
+                let Some(response) = response else { continue };
+                let count = response.members.len();
+                let mut solved = [0.0; LINEAR];
+                for (place, &unknown) in solved.iter_mut().zip(&response.members) {
+                    *place = columns.column(layout.column(unknown))[k];
+                }
+                let row = solved;
+                linear::substitute(&response.factor, &mut solved[..count]);
+                for (place, by_shape) in response.by_shape.iter().enumerate() {
+                    hat.col_mut(channel)[channel] += row[place] * solved[place];
+                    for (slope, by_shape) in slopes[channel].iter_mut().zip(by_shape) {
+                        *slope += row[place] * by_shape;
+                    }
+                }
+            }
+            for a in 0..layout.channels {
+                for b in 0..layout.channels {
+                    hat.col_mut(b)[a] += covariance.between(&slopes[a], &slopes[b]);
+                }
+            }
+            let rest = DMat3::IDENTITY - hat;
+            // A pose that some unknown stands on alone is predicted by nothing: its whole value is the error.
+            let told = rest.determinant() > 1e-6;
+            let values = DVec3::from_array(std::array::from_fn(|channel| columns.column(1 + channel)[k]));
+            let predicted = if told { rest.inverse() * residual } else { values };
+            predicted.length_squared()
+        })
+        .collect()
+}
+
+/// Whether poses are predicted better with the squared residuals `large` than with `small`, beyond doubt.
+pub fn is_better(large: &[f64], small: &[f64]) -> bool {
+    let (mut sum, mut squares) = (0.0, 0.0);
+    for (large, small) in large.iter().zip(small) {
+        sum += small - large;
+        squares += (small - large) * (small - large);
+    }
+    sum > ERRORS * squares.sqrt()
+}

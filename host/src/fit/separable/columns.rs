@@ -1,0 +1,171 @@
+//! The hot loop: columns of a model (shapes and their derivatives at every sample, times the root of the weight) and their
+//! Gram matrix, from which everything that the solver does follows.
+
+use super::data::Data;
+use super::math::{self, LANES};
+
+/// Most lobes.
+pub const MOST_LOBES: usize = super::super::MOST_LOBES;
+/// Channels at most.
+pub const CHANNELS: usize = 3;
+/// Columns of a lobe at most: shape, derivative by ln n, three tangents.
+pub const PER_LOBE: usize = 5;
+/// The columns that every model has: 1 and the channels' goals.
+pub const COMMON: usize = 1 + CHANNELS;
+/// Columns at most.
+pub const WIDTH: usize = COMMON + MOST_LOBES * PER_LOBE;
+
+/// A lobe's base as a linear form in the products, and its derivatives by the shape's unknowns.
+#[derive(Debug, Clone, Copy)]
+pub struct Form<const P: usize, const T: usize> {
+    /// Coefficients of the base, referred to the reference: the shape is baseⁿ.
+    pub base: [f64; P],
+    /// Coefficients of the base's derivatives.
+    pub tangents: [[f64; P]; T],
+    /// Exponent.
+    pub n: f64,
+}
+
+/// exp of less than this is nothing beside any measured value.
+const NEGLIGIBLE: f64 = -40.0;
+
+/// Writes a lobe's columns: shape, derivative by ln n, derivatives along the tangents. `slope` is scratch of the same length.
+///
+/// Blocks are copied into local arrays, where a compiler sees that lists do not overlap, and there is no branch: that makes
+/// vector code.
+#[inline(always)]
+fn lobe<const P: usize, const T: usize>(
+    form: &Form<P, T>,
+    products: [&[f64]; P],
+    root: &[f64],
+    slope: &mut [f64],
+    columns: &mut [f64],
+) {
+    let count = root.len();
+    let (shape, rest) = columns.split_at_mut(count);
+    let (by_n, tangents) = rest.split_at_mut(count);
+    linear_form(&form.base, products, shape);
+    let shapes = shape.as_chunks_mut::<LANES>().0.iter_mut().zip(by_n.as_chunks_mut::<LANES>().0);
+    let others = root.as_chunks::<LANES>().0.iter().zip(slope.as_chunks_mut::<LANES>().0);
+    for ((shape, by_n), (root, slope)) in shapes.zip(others) {
+        let (base, root) = (*shape, *root);
+        let (mut values, mut derivatives, mut slopes) = ([0.0; LANES], [0.0; LANES], [0.0; LANES]);
+        for lane in 0..LANES {
+            // What is not positive becomes so small that its power is negligible whatever the exponent.
+            let safe = if base[lane] > 1e-300 { base[lane] } else { 1e-300 };
+            let power = form.n * math::ln(safe);
+            let enough = power > NEGLIGIBLE;
+            let power = if enough { power } else { NEGLIGIBLE };
+            // A mask rather than a choice: a choice would become a branch.
+            let seen = u64::from(enough).wrapping_neg();
+            let value = f64::from_bits((root[lane] * math::exp(power)).to_bits() & seen);
+            values[lane] = value;
+            derivatives[lane] = value * power;
+            slopes[lane] = value * form.n / safe;
+        }
+        (*shape, *by_n, *slope) = (values, derivatives, slopes);
+    }
+    for (tangent, column) in form.tangents.iter().zip(tangents.chunks_exact_mut(count.max(1))) {
+        linear_form(tangent, products, column);
+        for (along, slope) in column.iter_mut().zip(slope.iter()) {
+            *along *= slope;
+        }
+    }
+}
+
+/// A linear form in the products at every sample.
+#[inline(always)]
+fn linear_form<const P: usize>(coefficients: &[f64; P], products: [&[f64]; P], out: &mut [f64]) {
+    for (out, product) in out.iter_mut().zip(products[0]) {
+        *out = coefficients[0] * product;
+    }
+    for p in 1..P {
+        for (out, product) in out.iter_mut().zip(products[p]) {
+            *out += coefficients[p] * product;
+        }
+    }
+}
+
+/// The columns of a model and their Gram matrix.
+#[derive(Debug, Clone)]
+pub struct Columns {
+    /// [column][sample]: root of the weight, goals, lobe by lobe.
+    values: Vec<f64>,
+    /// Scratch, a place a sample.
+    slope: Vec<f64>,
+    /// Samples.
+    count: usize,
+    /// Columns of a lobe: 2 and the tangents.
+    pub per_lobe: usize,
+    /// Lobes.
+    pub lobes: usize,
+}
+
+impl Default for Columns {
+    fn default() -> Self {
+        Self { values: Vec::new(), slope: Vec::new(), count: 0, per_lobe: PER_LOBE, lobes: 0 }
+    }
+}
+
+/// Products of columns, row by row with [`WIDTH`] places a row; both halves are filled.
+pub type Gram = [f64; WIDTH * WIDTH];
+
+impl Columns {
+    /// Starts with the columns of the data; returns their products in `gram`.
+    #[inline(always)]
+    pub fn begin(&mut self, data: &Data, gram: &mut Gram) {
+        debug_assert!(data.len().is_multiple_of(LANES));
+        self.count = data.len();
+        self.values.resize(WIDTH * self.count, 0.0);
+        self.slope.resize(self.count, 0.0);
+        self.values[..self.count].copy_from_slice(&data.root);
+        for channel in 0..data.channels {
+            let start = (1 + channel) * self.count;
+            self.values[start..start + self.count].copy_from_slice(&data.goal[channel]);
+        }
+        for channel in data.channels..CHANNELS {
+            let start = (1 + channel) * self.count;
+            self.values[start..start + self.count].fill(0.0);
+        }
+        self.products(0, COMMON, gram);
+    }
+
+    /// The place of a lobe's first column.
+    pub fn place(&self, lobe: usize) -> usize {
+        COMMON + lobe * self.per_lobe
+    }
+
+    /// A column.
+    pub fn column(&self, index: usize) -> &[f64] {
+        &self.values[index * self.count..(index + 1) * self.count]
+    }
+
+    /// Fills the columns of the lobes; needs [`Self::begin`] once before.
+    #[inline(always)]
+    pub fn fill<const P: usize, const T: usize>(
+        &mut self,
+        forms: &[Form<P, T>],
+        products: [&[f64]; P],
+        gram: &mut Gram,
+    ) {
+        (self.per_lobe, self.lobes) = (2 + T, forms.len());
+        let count = self.count;
+        let (common, rest) = self.values.split_at_mut(COMMON * count);
+        for (form, columns) in forms.iter().zip(rest.chunks_exact_mut(((2 + T) * count).max(1))) {
+            lobe(form, products, &common[..count], &mut self.slope, columns);
+        }
+        self.products(COMMON, COMMON + (2 + T) * forms.len(), gram);
+    }
+
+    /// The products of columns `from..to` with all up to them.
+    #[inline(always)]
+    fn products(&self, from: usize, to: usize, gram: &mut Gram) {
+        for i in from..to {
+            for j in 0..=i {
+                let product = math::dot(self.column(i), self.column(j));
+                gram[i * WIDTH + j] = product;
+                gram[j * WIDTH + i] = product;
+            }
+        }
+    }
+}

@@ -1,0 +1,22 @@
+//! The separable fit (variable projection, Golub and Pereyra 1973): given the shapes of the lobes, ρ_d and the albedos of all channels
+//! are a small non-negative linear least squares problem with one matrix for all channels; only the shapes are searched.
+//!
+//! It minimises Σ over samples k and channels c of s_c w_k (f̂ − f)², so it takes residuals that are linear in f. The weights w belong to a
+//! sample, not to a channel: the proportional residual takes them from the sample's luminance, and s_c makes up for how much
+//! darker or brighter the channel is on the whole.
+//!
+//! From the outside in: [`texel`] fits one texel, [`start`] finds where to begin, [`solver`] optimises, [`normal`] does the small linear
+//! algebra on the products of the [`columns`] that [`shape`] defines over the [`data`], with [`math`] that vectorises; [`uncertainty`] says how sure the result is, [`choice`] how many lobes it takes.
+
+pub mod choice;
+pub mod columns;
+pub mod data;
+pub mod math;
+pub mod normal;
+pub mod shape;
+pub mod solver;
+pub mod start;
+#[cfg(test)]
+mod tests;
+pub mod texel;
+pub mod uncertainty;

@@ -1,0 +1,207 @@
+//! Levenberg–Marquardt over the shapes alone (variable projection): at every step the amplitudes of all channels follow in closed form.
+//!
+//! The Jacobian is Kaufman's approximation (1975); damping is Marquardt's with Nielsen's rule, as in [`lm`](super::super::lm).
+
+use pulp::{Arch, WithSimd};
+
+use super::super::linear::solve_spd;
+use super::super::lm::{Limits, Outcome};
+use super::super::model::{EXPONENTS, Model};
+use super::columns::{Columns, Form, Gram, MOST_LOBES, WIDTH};
+use super::data::Data;
+use super::normal::{self, Amplitudes, Layout, Normal};
+use super::shape::{self, Family, UNKNOWNS};
+
+/// The solver with its buffers; one a thread.
+#[derive(Debug, Clone)]
+pub struct Solver {
+    /// Samples of the texel at hand.
+    pub data: Data,
+    /// Columns of the model that was evaluated last.
+    pub columns: Columns,
+    /// Their products.
+    pub gram: Box<Gram>,
+    /// What the vector code is compiled for.
+    pub arch: Arch,
+    trial: Model,
+}
+
+impl Default for Solver {
+    fn default() -> Self {
+        Self {
+            data: Data::default(),
+            columns: Columns::default(),
+            gram: Box::new([0.0; WIDTH * WIDTH]),
+            arch: Arch::new(),
+            trial: Model::default(),
+        }
+    }
+}
+
+/// Columns of the data alone, as vector code.
+struct Begin<'a>(&'a mut Columns, &'a Data, &'a mut Gram);
+
+impl WithSimd for Begin<'_> {
+    type Output = ();
+    #[inline(always)]
+    fn with_simd<S: pulp::Simd>(self, _: S) {
+        self.0.begin(self.1, self.2);
+    }
+}
+
+/// Columns of a model, as vector code.
+struct Fill<'a>(&'a mut Columns, &'a Data, &'a mut Gram, &'a Model, Family);
+
+impl WithSimd for Fill<'_> {
+    type Output = ();
+    #[inline(always)]
+    fn with_simd<S: pulp::Simd>(self, _: S) {
+        let Self(columns, data, gram, model, family) = self;
+        let products = &data.products;
+        let all: [&[f64]; 4] = [&products.xx, &products.yy, &products.zz, &products.xy];
+        let (lobes, beta) = (&model.lobes, model.beta);
+        let count = lobes.len().min(MOST_LOBES);
+        // A form for every place, so that nothing is allocated; the places beyond the lobes are not read.
+        match family {
+            Family::Isotropic => {
+                let blank = Form { base: [0.0; 2], tangents: [[0.0; 2]; 1], n: 1.0 };
+                let mut forms = [blank; MOST_LOBES];
+                for (form, lobe) in forms.iter_mut().zip(lobes) {
+                    *form = shape::isotropic_form(lobe);
+                }
+                columns.fill(&forms[..count], [&products.plane, &products.zz], gram);
+            }
+            Family::Anisotropic | Family::Split => {
+                let blank = Form { base: [0.0; 4], tangents: [[0.0; 4]; 3], n: 1.0 };
+                let mut forms = [blank; MOST_LOBES];
+                for (form, lobe) in forms.iter_mut().zip(lobes) {
+                    *form = match family {
+                        Family::Split => shape::split_form(lobe),
+                        _ => shape::anisotropic_form(lobe, beta),
+                    };
+                }
+                columns.fill(&forms[..count], all, gram);
+            }
+        }
+    }
+}
+
+impl Solver {
+    /// Takes over the data as it is aimed; to be called whenever that has changed.
+    pub fn begin(&mut self) {
+        self.arch.dispatch(Begin(&mut self.columns, &self.data, &mut self.gram));
+    }
+
+    /// The best amplitudes for a model's shapes; leaves columns and their products in the buffers.
+    pub fn evaluate(&mut self, family: Family, diffuse: bool, model: &Model) -> Amplitudes {
+        self.arch.dispatch(Fill(&mut self.columns, &self.data, &mut self.gram, model, family));
+        normal::amplitudes(&self.gram, self.layout(family, diffuse, model), self.data.most)
+    }
+
+    /// Which columns are what for a model.
+    pub fn layout(&self, family: Family, diffuse: bool, model: &Model) -> Layout {
+        Layout { family, lobes: model.lobes.len(), channels: self.data.channels, diffuse }
+    }
+
+    /// Lowers the cost from the shapes of `model` as far as the limits allow; never worse than the start.
+    pub fn minimise(
+        &mut self,
+        family: Family,
+        diffuse: bool,
+        limits: Limits,
+        model: &mut Model,
+    ) -> (Amplitudes, Outcome) {
+        let layout = self.layout(family, diffuse, model);
+        self.refer(model);
+        let mut at = self.evaluate(family, diffuse, model);
+        let outcome =
+            |at: &Amplitudes, iterations, converged| Outcome { cost: at.cost, iterations, converged };
+        if model.lobes.is_empty() {
+            return (at, outcome(&at, 0, true));
+        }
+        let mut normal = normal::normal(&self.gram, layout, &at);
+        let (mut damping, mut growth) = (1e-3, 4.0);
+        let floor = 1e-15 * (1..=layout.channels).map(|c| self.gram[c * WIDTH + c]).sum::<f64>();
+        for iteration in 0..limits.iterations {
+            if at.cost <= floor {
+                return (at, outcome(&at, iteration, true));
+            }
+            let mut improved = false;
+            if let Some(step) = solve(&normal, layout, model, damping) {
+                let predicted = predicted_gain(&normal, &step);
+                if predicted <= limits.tolerance * at.cost && damping <= 1.0 {
+                    return (at, outcome(&at, iteration, true));
+                }
+                let mut trial = std::mem::take(&mut self.trial);
+                trial.clone_from(model);
+                shape::advance(family, &mut trial, &step);
+                self.refer(&mut trial);
+                let next = self.evaluate(family, diffuse, &trial);
+                if next.cost < at.cost {
+                    let gain = (at.cost - next.cost) / predicted.max(1e-300);
+                    damping = (damping * (1.0 - (2.0 * gain - 1.0).powi(3)).clamp(0.1, 1.0)).max(1e-12);
+                    (growth, improved, at) = (4.0, true, next);
+                    std::mem::swap(model, &mut trial);
+                }
+                self.trial = trial;
+            }
+            if improved {
+                normal = normal::normal(&self.gram, layout, &at);
+            } else {
+                damping *= growth;
+                growth *= 4.0;
+                if damping > 1e9 {
+                    return (at, outcome(&at, iteration, true));
+                }
+            }
+        }
+        (at, outcome(&at, limits.iterations, false))
+    }
+
+    /// Refers every lobe to the largest base within the cone of the samples.
+    pub fn refer(&self, model: &mut Model) {
+        for lobe in &mut model.lobes {
+            *lobe = lobe.within(self.data.cone);
+        }
+    }
+}
+
+/// The damped step; none where the equations are singular. Exponents at a bound that they would pass, and shapes of
+/// lobes without amplitude, stay.
+pub(super) fn solve(normal: &Normal, layout: Layout, model: &Model, damping: f64) -> Option<[f64; UNKNOWNS]> {
+    let size = normal.size;
+    let mut fixed = [false; UNKNOWNS];
+    for (index, lobe) in model.lobes.iter().enumerate() {
+        let at = layout.family.unknown(index, 0, layout.lobes);
+        let downhill = -normal.gradient[at];
+        fixed[at] = (lobe.n <= EXPONENTS[0] && downhill < 0.0) || (lobe.n >= EXPONENTS[1] && downhill > 0.0);
+    }
+    let largest = (0..size).map(|i| normal.matrix[i * size + i]).fold(0.0, f64::max);
+    let mut damped = [0.0; UNKNOWNS * UNKNOWNS];
+    let mut step = [0.0; UNKNOWNS];
+    for i in 0..size {
+        let diagonal = normal.matrix[i * size + i];
+        if fixed[i] || diagonal <= 1e-13 * largest {
+            damped[i * size + i] = 1.0;
+            continue;
+        }
+        step[i] = -normal.gradient[i];
+        for j in 0..size {
+            let dead = fixed[j] || normal.matrix[j * size + j] <= 1e-13 * largest;
+            damped[i * size + j] = if dead { 0.0 } else { normal.matrix[i * size + j] };
+        }
+        damped[i * size + i] = diagonal * (1.0 + damping);
+    }
+    solve_spd(&mut damped[..size * size], &mut step[..size]).then_some(step)
+}
+
+/// The fall in cost that the linear model promises for a step.
+fn predicted_gain(normal: &Normal, step: &[f64; UNKNOWNS]) -> f64 {
+    let size = normal.size;
+    let mut gain = 0.0;
+    for i in 0..size {
+        let product: f64 = (0..size).map(|j| normal.matrix[i * size + j] * step[j]).sum();
+        gain -= step[i] * (2.0 * normal.gradient[i] + product);
+    }
+    gain
+}

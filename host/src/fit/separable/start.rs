@@ -1,0 +1,390 @@
+//! Starts from data: the shapes of a small bank that explain most of what is left of a texel's samples.
+//!
+//! The bank's shapes are those at a place near the texel, so one bank serves a block of texels; the solver then works with the
+//! texel's own directions. Lobes are added one after the other: the local maxima of what a shape explains beside those
+//! found so far, over directions of C round the (Cxy, Cz) circle and n = 1, 2, 4, …, are each optimised for a few steps,
+//! and the best go on.
+
+use pulp::WithSimd;
+
+use super::super::linear;
+use super::super::lm::{Limits, Outcome};
+use super::super::model::{Model, ModelLobe, isotropic_c};
+use super::choice;
+use super::columns::{CHANNELS, MOST_LOBES, WIDTH};
+use super::data::Products;
+use super::normal::{Amplitudes, LINEAR};
+use super::shape::{self, Family};
+use super::solver::Solver;
+
+/// How far the search goes.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Effort {
+    /// Shapes tried as the next lobe of each set.
+    pub tries: usize,
+    /// Steps for each of them.
+    pub steps: usize,
+    /// Sets that go on to the next lobe.
+    pub beam: usize,
+    /// When the last set counts as converged.
+    pub limits: Limits,
+}
+
+impl Effort {
+    /// For one of thousands of texels. Up to two lobes little effort finds the best start in all but a few per cent of texels; with
+    /// more, sets of shapes compete that look alike for the first few steps.
+    pub fn texel(lobes: usize) -> Self {
+        if lobes <= 2 {
+            return Self { tries: 3, steps: 3, beam: 2, limits: Limits { iterations: 40, tolerance: 1e-5 } };
+        }
+        Self { tries: 4, steps: 6, beam: 3, limits: Limits { iterations: 60, tolerance: 1e-6 } }
+    }
+}
+
+/// Directions of C round the circle.
+const DIRECTIONS: usize = 24;
+/// Exponents 1, 2, 4, …
+const EXPONENTS: usize = 10;
+/// Rows a direction: the exponents and the square of the last.
+const ROWS: usize = EXPONENTS + 1;
+
+/// Shapes of the bank at every pose.
+#[derive(Debug, Clone, Default)]
+pub struct Bank {
+    /// [seen direction][exponent][pose].
+    shapes: Vec<f32>,
+    /// Directions with a base that is positive somewhere, by their place on the circle.
+    seen: Vec<usize>,
+    count: usize,
+}
+
+impl Bank {
+    fn angle(direction: usize) -> f64 {
+        (direction as f64 + 0.5) / DIRECTIONS as f64 * std::f64::consts::TAU
+    }
+
+    /// Computes the shapes for the products at one place.
+    pub fn fill(&mut self, products: &Products, cone: [f64; 2]) {
+        self.count = products.plane.len();
+        self.seen.clear();
+        self.shapes.clear();
+        for direction in 0..DIRECTIONS {
+            let lobe = ModelLobe::unit(isotropic_c(Self::angle(direction)), 1.0).within(cone);
+            let (plane, zz) = (lobe.c.x / lobe.reference, lobe.c.z / lobe.reference);
+            let base = |k: usize| (plane * products.plane[k] + zz * products.zz[k]).clamp(0.0, 4.0) as f32;
+            if (0..self.count).all(|k| base(k) <= 0.0) {
+                continue;
+            }
+            self.seen.push(direction);
+            self.shapes.extend((0..self.count).map(base));
+            for _ in 1..ROWS {
+                let from = self.shapes.len() - self.count;
+                for k in from..from + self.count {
+                    let root = self.shapes[k];
+                    // Without denormal numbers, which are slow, and without infinities.
+                    self.shapes.push(if root < 1e-15 { 0.0 } else { (root * root).min(1e9) });
+                }
+            }
+        }
+    }
+}
+
+/// Σ a b, in sixteen partial sums.
+#[inline(always)]
+fn dot(a: &[f32], b: &[f32]) -> f32 {
+    let mut sums = [0f32; 16];
+    let (a16, b16) = (a.chunks_exact(16), b.chunks_exact(16));
+    for (lane, (x, y)) in a16.remainder().iter().zip(b16.remainder()).enumerate() {
+        sums[lane] = x * y;
+    }
+    for (x, y) in a16.zip(b16) {
+        for lane in 0..16 {
+            sums[lane] += x[lane] * y[lane];
+        }
+    }
+    let half: [f32; 8] = std::array::from_fn(|i| sums[i] + sums[i + 8]);
+    let quarter: [f32; 4] = std::array::from_fn(|i| half[i] + half[i + 4]);
+    (quarter[0] + quarter[2]) + (quarter[1] + quarter[3])
+}
+
+/// A set of shapes with its cost.
+#[derive(Debug, Clone)]
+struct Candidate {
+    cost: f64,
+    model: Model,
+}
+
+/// The search with its buffers; one a thread.
+#[derive(Debug, Clone, Default)]
+pub struct Search {
+    /// Weighted residual, weights, weighted shapes of the set: [list][pose].
+    lists: Vec<f32>,
+    /// Products of the bank's rows with those lists, [row][list].
+    products: Vec<f32>,
+    scores: Vec<f32>,
+}
+
+/// The products of all rows of the bank with some lists, as vector code.
+struct Products32<'a> {
+    rows: &'a [f32],
+    lists: &'a [f32],
+    count: usize,
+    out: &'a mut Vec<f32>,
+}
+
+impl WithSimd for Products32<'_> {
+    type Output = ();
+    #[inline(always)]
+    fn with_simd<S: pulp::Simd>(self, _: S) {
+        self.out.clear();
+        for row in self.rows.chunks_exact(self.count.max(1)) {
+            for list in self.lists.chunks_exact(self.count.max(1)) {
+                self.out.push(dot(row, list));
+            }
+        }
+    }
+}
+
+/// What is fitted, beside the data.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Task {
+    /// Lobes.
+    pub lobes: usize,
+    /// Shapes.
+    pub family: Family,
+    /// Whether ρ_d is an unknown.
+    pub diffuse: bool,
+    /// Effort.
+    pub effort: Effort,
+    /// Whether `lobes` is the most: then as many as [`choice`] finds supported.
+    pub choose: bool,
+}
+
+/// What a search found.
+#[derive(Debug, Clone)]
+pub struct Found {
+    /// The shapes.
+    pub model: Model,
+    /// Their amplitudes.
+    pub at: Amplitudes,
+    /// Cost and convergence.
+    pub outcome: Outcome,
+    /// Squared residuals of the poses, each predicted without it; empty where there is no choice to make.
+    pub left_out: Vec<f64>,
+}
+
+impl Found {
+    /// Optimises a model to convergence.
+    fn of(solver: &mut Solver, task: Task, mut model: Model) -> Self {
+        let (at, outcome) = minimise(solver, task, task.effort.limits, &mut model);
+        let mut left_out = Vec::new();
+        if task.choose {
+            // The last step tried may have been another one.
+            solver.evaluate(task.family, task.diffuse, &model);
+            left_out = choice::left_out(solver, task, &model, &at);
+        }
+        Self { model, at, outcome, left_out }
+    }
+}
+
+impl Search {
+    /// The best fit that the search finds. The solver has begun with the texel's data.
+    pub fn best(&mut self, solver: &mut Solver, bank: &Bank, task: Task) -> Found {
+        let mut beam = vec![Candidate { cost: f64::INFINITY, model: Model::default() }];
+        let mut chosen: Option<Found> = None;
+        if task.choose {
+            chosen = Some(Found::of(solver, task, Model::default()));
+        }
+        for added in 1..=task.lobes {
+            let last = added == task.lobes;
+            let next = self.extended(solver, bank, task, &beam, !last || task.choose);
+            if next.is_empty() {
+                break;
+            }
+            beam = next;
+            if let Some(best) = &mut chosen {
+                let found = Found::of(solver, task, beam[0].model.clone());
+                if !choice::is_better(&found.left_out, &best.left_out) {
+                    break;
+                }
+                *best = found;
+            } else if last {
+                beam.truncate(1);
+            }
+        }
+        match chosen {
+            Some(found) => found,
+            None => Found::of(solver, task, beam.swap_remove(0).model),
+        }
+    }
+
+    /// The best sets of one lobe more than those of the beam, the best first; tried for a few steps where `tried`, or where there are several.
+    fn extended(
+        &mut self,
+        solver: &mut Solver,
+        bank: &Bank,
+        task: Task,
+        beam: &[Candidate],
+        tried: bool,
+    ) -> Vec<Candidate> {
+        let Task { family, diffuse, effort, .. } = task;
+        let mut next = Vec::with_capacity(effort.tries * beam.len());
+        for set in beam {
+            let at = solver.evaluate(family, diffuse, &set.model);
+            self.extend(solver, bank, task, &set.model, &at, &mut next);
+        }
+        let few = Limits { iterations: effort.steps, ..effort.limits };
+        if next.len() > 1 || tried {
+            for candidate in &mut next {
+                candidate.cost = minimise(solver, task, few, &mut candidate.model).1.cost;
+            }
+        }
+        next.sort_by(|a, b| a.cost.total_cmp(&b.cost));
+        next.dedup_by(|b, a| (b.cost - a.cost).abs() <= 1e-5 * a.cost);
+        next.truncate(effort.beam);
+        next
+    }
+
+    /// Adds to `found` the model with one lobe of the bank more, for the best local maxima.
+    fn extend(
+        &mut self,
+        solver: &Solver,
+        bank: &Bank,
+        task: Task,
+        model: &Model,
+        at: &Amplitudes,
+        found: &mut Vec<Candidate>,
+    ) {
+        self.score(solver, bank, task, model, at);
+        let mut maxima: Vec<usize> = (0..self.scores.len()).filter(|&i| self.is_maximum(bank, i)).collect();
+        maxima.sort_by(|&a, &b| self.scores[b].total_cmp(&self.scores[a]).then(a.cmp(&b)));
+        for &index in maxima.iter().take(task.effort.tries) {
+            let (place, exponent) = (index / EXPONENTS, index % EXPONENTS);
+            let c = isotropic_c(Bank::angle(bank.seen[place]));
+            let mut model = model.clone();
+            model.lobes.push(ModelLobe::unit(c, f64::from(1u32 << exponent)));
+            found.push(Candidate { cost: f64::INFINITY, model });
+        }
+    }
+
+    /// How much each shape of the bank would lower the cost beside the model's, to first order; −∞ where it adds nothing.
+    fn score(&mut self, solver: &Solver, bank: &Bank, task: Task, model: &Model, at: &Amplitudes) {
+        let (columns, count) = (&solver.columns, bank.count);
+        let layout = solver.layout(task.family, task.diffuse, model);
+        let channels = layout.channels;
+        let mut members = [0; LINEAR];
+        let mut known = 0;
+        for unknown in 0..=layout.lobes {
+            if (0..channels).any(|channel| at.free[channel][unknown]) {
+                members[known] = unknown;
+                known += 1;
+            }
+        }
+        let members = &members[..known];
+        // Lists: residual, weight, the shapes of the set.
+        let root = columns.column(0);
+        self.lists.clear();
+        self.lists.extend((0..count).map(|k| {
+            let mut rest = 0.0;
+            for channel in 0..channels {
+                rest += columns.column(1 + channel)[k];
+            }
+            for unknown in 0..=layout.lobes {
+                let total: f64 = (0..CHANNELS).map(|channel| at.x[channel][unknown]).sum();
+                if total != 0.0 {
+                    rest -= total * columns.column(layout.column(unknown))[k];
+                }
+            }
+            (root[k] * rest) as f32
+        }));
+        self.lists.extend(root.iter().map(|root| (root * root) as f32));
+        for &unknown in members.iter().filter(|&&unknown| unknown > 0) {
+            let shape = columns.column(layout.column(unknown));
+            self.lists.extend(shape.iter().zip(root).map(|(shape, root)| (shape * root) as f32));
+        }
+        let lists = self.lists.len() / count.max(1);
+        let products = Products32 { rows: &bank.shapes, lists: &self.lists, count, out: &mut self.products };
+        solver.arch.dispatch(products);
+
+        let mut factor = [0.0; LINEAR * LINEAR];
+        for (i, &a) in members.iter().enumerate() {
+            for (j, &b) in members.iter().enumerate() {
+                factor[i * known + j] = solver.gram[layout.column(a) * WIDTH + layout.column(b)];
+            }
+            factor[i * known + i] *= 1.0 + 1e-9;
+        }
+        let regular = linear::factor(&mut factor[..known * known], known);
+        self.scores.clear();
+        for place in 0..bank.seen.len() {
+            for exponent in 0..EXPONENTS {
+                let row = &self.products[(place * ROWS + exponent) * lists..][..lists];
+                // The square of a shape is the next row of the bank.
+                let square = f64::from(self.products[(place * ROWS + exponent + 1) * lists + 1]);
+                let mut rest = square;
+                if regular {
+                    let mut inner = [0.0; LINEAR];
+                    let mut shape = 2;
+                    for (i, &unknown) in members.iter().enumerate() {
+                        let product = if unknown == 0 { row[1] } else { row[shape] };
+                        shape += usize::from(unknown > 0);
+                        let dot: f64 = (0..i).map(|k| factor[i * known + k] * inner[k]).sum();
+                        inner[i] = (f64::from(product) - dot) / factor[i * known + i];
+                        rest -= inner[i] * inner[i];
+                    }
+                }
+                let along = f64::from(row[0]);
+                let adds = along > 0.0 && square > 0.0;
+                let score = along * along / rest.max(1e-4 * square);
+                self.scores.push(if adds { score as f32 } else { f32::NEG_INFINITY });
+            }
+        }
+    }
+
+    fn is_maximum(&self, bank: &Bank, index: usize) -> bool {
+        let (score, directions) = (self.scores[index], bank.seen.len());
+        let (place, exponent) = (index / EXPONENTS, index % EXPONENTS);
+        let at = |place: usize, exponent: usize| self.scores[place % directions * EXPONENTS + exponent];
+        score.is_finite()
+            && (exponent == 0 || score >= at(place, exponent - 1))
+            && (exponent + 1 == EXPONENTS || score > at(place, exponent + 1))
+            && (directions < 2 || score >= at(place + directions - 1, exponent))
+            && (directions < 2 || score > at(place + 1, exponent))
+    }
+}
+
+/// Optimises within the task's family. An anisotropic fit of lobes that are still isotropic first finds their direction.
+pub fn minimise(solver: &mut Solver, task: Task, limits: Limits, model: &mut Model) -> (Amplitudes, Outcome) {
+    let Task { family, diffuse, .. } = task;
+    if family != Family::Anisotropic || model.lobes.iter().any(|lobe| lobe.c.x != lobe.c.y) {
+        return solver.minimise(family, diffuse, limits, model);
+    }
+    solver.minimise(Family::Isotropic, diffuse, limits, model);
+    spread(solver, diffuse, model);
+    solver.minimise(family, diffuse, limits, model)
+}
+
+/// Gives isotropic lobes the direction β and the difference of Cx and Cy that one Gauss–Newton step over symmetric C suggests: its entries
+/// h cos 2β and h sin 2β have no singularity at h = 0. Lobes vote for the common axis by their information.
+fn spread(solver: &mut Solver, diffuse: bool, model: &mut Model) {
+    let at = solver.evaluate(Family::Split, diffuse, model);
+    let layout = solver.layout(Family::Split, diffuse, model);
+    let normal = super::normal::normal(&solver.gram, layout, &at);
+    let Some(step) = super::solver::solve(&normal, layout, model, 1e-3) else { return };
+    let (mut cos, mut sin) = (0.0, 0.0);
+    for lobe in 0..model.lobes.len() {
+        let entry = |column| shape::Family::Split.unknown(lobe, column, layout.lobes);
+        let (a, b) = (step[entry(2)], step[entry(3)]);
+        let diagonal = |i: usize| normal.matrix[i * normal.size + i];
+        let information = diagonal(entry(2)) + diagonal(entry(3));
+        cos += information * (a * a - b * b);
+        sin += information * 2.0 * a * b;
+    }
+    let double = 0.5 * sin.atan2(cos);
+    for (index, lobe) in model.lobes.iter_mut().enumerate().take(MOST_LOBES) {
+        let entry = |column| step[shape::Family::Split.unknown(index, column, layout.lobes)];
+        let spread = entry(2) * double.cos() + entry(3) * double.sin();
+        let spread = spread.clamp(-0.3, 0.3);
+        lobe.c = (lobe.c + glam::DVec3::new(spread, -spread, 0.0)).normalize();
+    }
+    model.beta = 0.5 * double;
+}

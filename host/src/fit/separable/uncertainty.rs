@@ -1,0 +1,253 @@
+//! Standard deviations of the coefficients from the information matrix at the solution.
+//!
+//! With the noise σ² of a weighted residual taken from the fit's own cost, the shapes θ have the covariance σ² (JᵀJ)⁻¹ of the projected normal
+//! equations, and a channel's amplitudes x = x(θ) + e have σ² G⁻¹ + M cov(θ) Mᵀ with M = dx/dθ = −G⁻¹ ΦᵀD x. What the map
+//! holds follows to first order. It holds for noise that the weights describe and for a model that can describe the material.
+
+use glam::DVec3;
+
+use super::super::linear;
+use super::super::lm::tangents;
+use super::super::model::{EXPONENTS, Model};
+use super::columns::WIDTH;
+use super::normal::{self, Amplitudes, LINEAR, Layout, Normal};
+use super::shape::{Family, UNKNOWNS};
+use super::solver::Solver;
+
+/// Standard deviations of one lobe's coefficients.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct LobeSigma {
+    /// Of ρ_s a channel, sr⁻¹.
+    pub rho_s: [f64; 3],
+    /// Of the diagonal of C.
+    pub c: DVec3,
+    /// Of the exponent.
+    pub n: f64,
+}
+
+/// Standard deviations of a texel's coefficients, in the order of the map. What the samples do not tell has the width of its range:
+/// π/4 for β, 1 for C, the largest exponent for n; an amplitude at a bound has 0.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Sigma {
+    /// Of ρ_d a channel, sr⁻¹.
+    pub rho_d: [f64; 3],
+    /// Of β, radians.
+    pub beta: f64,
+    /// Of the lobes.
+    pub lobes: Vec<LobeSigma>,
+}
+
+impl Sigma {
+    /// Takes over those of a group of channels, of which the model has the direction `beta`; x and y of C change places where
+    /// the map's β lies a quarter turn from it.
+    pub fn take(&mut self, channels: &[usize], group: Self, beta: f64) {
+        let turned = (beta / std::f64::consts::FRAC_PI_2).round() as i64 % 2 != 0 && group.beta > 0.0;
+        self.beta = group.beta;
+        let spread = |values: [f64; 3]| {
+            let mut all = [0.0; 3];
+            for (&channel, value) in channels.iter().zip(values) {
+                all[channel] = value;
+            }
+            all
+        };
+        for (total, own) in self.rho_d.iter_mut().zip(spread(group.rho_d)) {
+            *total += own;
+        }
+        self.lobes.extend(group.lobes.into_iter().map(|lobe| LobeSigma {
+            rho_s: spread(lobe.rho_s),
+            c: if turned { DVec3::new(lobe.c.y, lobe.c.x, lobe.c.z) } else { lobe.c },
+            n: lobe.n,
+        }));
+    }
+}
+
+/// Standard deviation of an unknown shape about which the samples say nothing.
+const UNTOLD: f64 = 1e3;
+
+/// The covariance of the shapes' unknowns but for σ², row by row.
+pub(super) struct Covariance {
+    matrix: [f64; UNKNOWNS * UNKNOWNS],
+    size: usize,
+}
+
+impl Covariance {
+    pub(super) fn new(normal: &Normal) -> Self {
+        let size = normal.size;
+        let largest = (0..size).map(|i| normal.matrix[i * size + i]).fold(0.0, f64::max);
+        let told: Vec<usize> = (0..size).filter(|&i| normal.matrix[i * size + i] > 1e-13 * largest).collect();
+        let mut matrix = [0.0; UNKNOWNS * UNKNOWNS];
+        let count = told.len();
+        // Scaled to a diagonal of 1, so that the ridge is the same share of everything.
+        let scale = |i: usize| normal.matrix[i * size + i].sqrt();
+        let mut factor: Vec<f64> = (0..count * count)
+            .map(|k| (told[k / count], told[k % count]))
+            .map(|(i, j)| {
+                normal.matrix[i * size + j] / (scale(i) * scale(j)) + if i == j { 1e-12 } else { 0.0 }
+            })
+            .collect();
+        let regular = linear::factor(&mut factor, count);
+        for i in 0..size {
+            matrix[i * size + i] = UNTOLD * UNTOLD;
+        }
+        for (a, &i) in told.iter().enumerate().filter(|_| regular) {
+            let mut column = vec![0.0; count];
+            column[a] = 1.0;
+            linear::substitute(&factor, &mut column);
+            for (b, &j) in told.iter().enumerate() {
+                matrix[i * size + j] = column[b] / (scale(i) * scale(j));
+            }
+        }
+        Self { matrix, size }
+    }
+
+    /// gᵀ cov g.
+    fn along(&self, gradient: &[f64; UNKNOWNS]) -> f64 {
+        self.between(gradient, gradient).max(0.0)
+    }
+
+    /// gᵀ cov h.
+    pub(super) fn between(&self, g: &[f64; UNKNOWNS], h: &[f64; UNKNOWNS]) -> f64 {
+        let row = |i: usize| (0..self.size).map(|j| self.matrix[i * self.size + j] * h[j]).sum::<f64>();
+        (0..self.size).filter(|&i| g[i] != 0.0).map(|i| g[i] * row(i)).sum()
+    }
+}
+
+/// The standard deviations at a model that was evaluated last, for the channels that were fitted together (in their order).
+pub fn sigma(solver: &Solver, family: Family, diffuse: bool, model: &Model, at: &Amplitudes) -> Sigma {
+    let layout = solver.layout(family, diffuse, model);
+    let normal = normal::normal(&solver.gram, layout, at);
+    let free: usize = at.free.iter().take(layout.channels).flatten().filter(|&&free| free).count();
+    let freedom = (solver.data.valid * layout.channels).saturating_sub(free + normal.size).max(1);
+    let variance = at.cost / freedom as f64;
+    let covariance = Covariance::new(&normal);
+    let lobes = model.lobes.len();
+    let mut sigma = Sigma { lobes: vec![LobeSigma::default(); lobes], ..Sigma::default() };
+    for (index, lobe) in sigma.lobes.iter_mut().enumerate() {
+        (lobe.c, lobe.n) = of_shape(solver, layout, model, index, &covariance, variance);
+    }
+    if family == Family::Anisotropic && lobes > 0 {
+        let mut gradient = [0.0; UNKNOWNS];
+        gradient[family.unknown(0, 3, lobes)] = 1.0;
+        sigma.beta = (variance * covariance.along(&gradient)).sqrt().min(std::f64::consts::FRAC_PI_4);
+    }
+    for channel in 0..layout.channels {
+        let of_channel = of_amplitudes(solver, layout, model, at, channel, &covariance);
+        let deviation = |unknown: usize| (variance * of_channel[unknown]).sqrt() / solver.data.scale[channel];
+        sigma.rho_d[channel] = deviation(0);
+        for (index, lobe) in sigma.lobes.iter_mut().enumerate() {
+            lobe.rho_s[channel] =
+                deviation(1 + index).min(solver.data.most[channel] / solver.data.scale[channel]);
+        }
+    }
+    sigma
+}
+
+/// The unknowns that turn a lobe's C, with the derivatives of C and of ln(reference) by them.
+fn turns(solver: &Solver, layout: Layout, model: &Model, index: usize) -> Vec<(usize, DVec3, f64)> {
+    let lobe = &model.lobes[index];
+    let isotropic = layout.family != Family::Anisotropic;
+    let count = if isotropic { 1 } else { 2 };
+    let directions = tangents(lobe.c, isotropic);
+    (directions.into_iter().take(count).enumerate())
+        .map(|(k, tangent)| {
+            let moved = |size: f64| {
+                let mut moved = *lobe;
+                moved.c = (lobe.c + tangent * size).normalize();
+                moved.within(solver.data.cone).reference.ln()
+            };
+            let by_reference = (moved(1e-5) - moved(-1e-5)) / 2e-5;
+            (layout.family.unknown(index, 1 + k, layout.lobes), tangent, by_reference)
+        })
+        .collect()
+}
+
+/// Standard deviations of C as the map holds it, divided by its reference, and of n.
+fn of_shape(
+    solver: &Solver,
+    layout: Layout,
+    model: &Model,
+    index: usize,
+    covariance: &Covariance,
+    variance: f64,
+) -> (DVec3, f64) {
+    let lobe = &model.lobes[index];
+    let mut c = DVec3::ZERO;
+    for axis in 0..3 {
+        let mut gradient = [0.0; UNKNOWNS];
+        for (unknown, tangent, by_reference) in turns(solver, layout, model, index) {
+            gradient[unknown] = (tangent[axis] - lobe.c[axis] * by_reference) / lobe.reference;
+        }
+        c[axis] = (variance * covariance.along(&gradient)).sqrt().min(1.0);
+    }
+    let mut gradient = [0.0; UNKNOWNS];
+    gradient[layout.family.unknown(index, 0, layout.lobes)] = lobe.n;
+    (c, (variance * covariance.along(&gradient)).sqrt().min(EXPONENTS[1]))
+}
+
+/// How a channel's free amplitudes follow the samples and the shapes.
+pub(super) struct Response {
+    /// Linear unknowns that are free.
+    pub members: Vec<usize>,
+    /// Cholesky factor of their products G.
+    pub factor: Vec<f64>,
+    /// M, their derivatives by the shapes' unknowns, a row a member.
+    pub by_shape: Vec<[f64; UNKNOWNS]>,
+}
+
+impl Response {
+    /// The response at a model that was evaluated last; none where the columns are not independent.
+    pub(super) fn new(solver: &Solver, layout: Layout, at: &Amplitudes, channel: usize) -> Option<Self> {
+        let (gram, x) = (&solver.gram, &at.x[channel]);
+        let members: Vec<usize> = (0..=layout.lobes).filter(|&unknown| at.free[channel][unknown]).collect();
+        let count = members.len();
+        let entry = |a: usize, b: usize| gram[a * WIDTH + b];
+        let mut factor: Vec<f64> = (0..count * count)
+            .map(|k| (layout.column(members[k / count]), layout.column(members[k % count])))
+            .map(|(a, b)| entry(a, b) * if a == b { 1.0 + 1e-12 } else { 1.0 })
+            .collect();
+        if !linear::factor(&mut factor, count) {
+            return None;
+        }
+        let mut by_shape = vec![[0.0; UNKNOWNS]; count];
+        for lobe in 0..layout.lobes {
+            for column in 0..layout.family.derivatives() {
+                let derivative = layout.derivative(lobe, column);
+                let mut along: Vec<f64> =
+                    members.iter().map(|&i| -x[1 + lobe] * entry(layout.column(i), derivative)).collect();
+                linear::substitute(&factor, &mut along);
+                for (row, along) in by_shape.iter_mut().zip(along) {
+                    row[layout.family.unknown(lobe, column, layout.lobes)] += along;
+                }
+            }
+        }
+        Some(Self { members, factor, by_shape })
+    }
+}
+
+/// Variances of a channel's ρ_d and amplitudes, but for σ² and the channel's scale.
+fn of_amplitudes(
+    solver: &Solver,
+    layout: Layout,
+    model: &Model,
+    at: &Amplitudes,
+    channel: usize,
+    covariance: &Covariance,
+) -> [f64; LINEAR] {
+    let mut variances = [0.0; LINEAR];
+    let Some(Response { members, factor, by_shape }) = Response::new(solver, layout, at, channel) else {
+        return variances;
+    };
+    for (place, (&unknown, mut gradient)) in members.iter().zip(by_shape).enumerate() {
+        if unknown > 0 {
+            let lobe = &model.lobes[unknown - 1];
+            for (turn, _, by_reference) in turns(solver, layout, model, unknown - 1) {
+                gradient[turn] += at.x[channel][unknown] * lobe.n * by_reference;
+            }
+        }
+        let mut own = vec![0.0; members.len()];
+        own[place] = 1.0;
+        linear::substitute(&factor, &mut own);
+        variances[unknown] = own[place] + covariance.along(&gradient);
+    }
+    variances
+}
