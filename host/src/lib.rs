@@ -9,6 +9,7 @@ pub mod cli;
 #[cfg(feature = "sim")]
 pub mod demo;
 pub mod develop;
+pub mod edit;
 pub mod error;
 pub mod files;
 pub mod fit;

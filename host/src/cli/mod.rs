@@ -13,6 +13,7 @@ mod acquire;
 #[cfg(feature = "sim")]
 mod demo;
 mod develop;
+mod edit;
 mod fit;
 mod plan;
 mod render;
@@ -65,6 +66,8 @@ enum Command {
     Develop(develop::DevelopArgs),
     /// Fits lobes to a sampled SBRDF or to a measured table
     Fit(fit::FitArgs),
+    /// Edits SBRDF maps: palettes, means, composites, diffuse photographs, tiles
+    Edit(edit::EditArgs),
     /// Renders a scene
     Render(render::RenderArgs),
     /// Prints a commented example of a file that Lobelia reads
@@ -86,6 +89,7 @@ impl Command {
             Self::Acquire(_) => "acquire",
             Self::Develop(_) => "develop",
             Self::Fit(_) => "fit",
+            Self::Edit(_) => "edit",
             Self::Render(_) => "render",
             Self::Rig(_) => "rig",
             Self::Template(_) => "template",
@@ -155,6 +159,7 @@ fn run(cli: Cli) -> Result<()> {
         Command::Rig(args) => rig::run(&args, &mut context),
         Command::Develop(args) => develop::run(&args, &mut context),
         Command::Fit(args) => fit::run(&args, &mut context),
+        Command::Edit(args) => edit::run(&args, &mut context),
         Command::Render(args) => render::run(&args, &mut context),
         Command::Template(args) => template::run(&args),
         Command::Completions { shell } => {
