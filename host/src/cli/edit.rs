@@ -312,12 +312,14 @@ fn run_tile(args: &TileArgs, context: &mut Context) -> Result<()> {
     let map = read_map(&args.map, context)?;
     let overlap = args.overlap.unwrap_or_else(|| (map.width.min(map.height) / 8).max(1));
     let tile = context.report.stage("tile", || tile::tile(&map, overlap))?;
-    let [before, after] = tile.step;
-    for (value, when) in [(before, "before"), (after, "after")] {
-        let over = "texels at the border, over the mean between neighbours inside";
-        context.report.errors.push(ErrorFigure::new("border_step", value, "1", over).with("when", when));
+    let [overlapping, seam] = tile.mismatch;
+    for (value, place) in [(overlapping, "overlap"), (seam, "seam")] {
+        let over = "texels, over the mean difference between neighbours of the map";
+        context.report.errors.push(ErrorFigure::new("mismatch", value, "1", over).with("place", place));
     }
-    println!("step at the border over that between neighbours inside: {before:.2} before, {after:.2} after");
+    println!(
+        "borders differ by {overlapping:.2} of the step between neighbours all over, by {seam:.2} along the seams"
+    );
     finish(tile.map, &format!("tileable by a seam in an overlap of {overlap} texels"), &args.output, context)
 }
 

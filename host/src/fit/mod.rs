@@ -5,6 +5,7 @@
 //! published search over n for one lobe ([`line_search`]), above a percentile for ρ_d ([`diffuse`]).
 
 pub mod albedo;
+pub mod chunks;
 pub mod diffuse;
 pub mod evaluate;
 pub mod figures;
@@ -224,20 +225,32 @@ impl FitOptions {
 pub fn fit_sbrdf(sampled: &SampledSbrdf, options: &FitOptions) -> Result<SbrdfMap> {
     options.check()?;
     let bar = progress::bar("fitting", sampled.texels() as u64, "texels");
+    let map = fit_window(sampled, options, || bar.advance(1));
+    has_samples(&map)?;
+    Ok(map)
+}
+
+/// Refuses a map of which no texel had a valid sample.
+fn has_samples(map: &SbrdfMap) -> Result<()> {
+    if map.extra["samples"].iter().all(|&samples| samples == 0.0) {
+        return Err(Error::input("the sampled SBRDF has no valid sample in any texel"));
+    }
+    Ok(())
+}
+
+/// As [`fit_sbrdf`] with options that are checked, for a window that may be without any sample; `done` is called a texel.
+fn fit_window(sampled: &SampledSbrdf, options: &FitOptions, done: impl Fn() + Sync) -> SbrdfMap {
     let fits: Vec<TexelFit> = (0..sampled.texels())
         .into_par_iter()
         .with_min_len(16)
         .map_init(Workspace::default, |workspace, index| {
             load(&mut workspace.samples, sampled, index);
             let fit = texel::fit(workspace, options);
-            bar.advance(1);
+            done();
             fit
         })
         .collect();
-    if fits.iter().all(|fit| fit.samples == 0) {
-        return Err(Error::input("the sampled SBRDF has no valid sample in any texel"));
-    }
-    Ok(map_of(sampled, options, &fits))
+    map_of(sampled, options, &fits)
 }
 
 /// The samples of texel `index`.
@@ -270,6 +283,7 @@ fn map_of(sampled: &SampledSbrdf, options: &FitOptions, fits: &[TexelFit]) -> Sb
         Diffuse::Percentile(percentile) => format!("percentile {percentile}"),
     };
     for (key, value) in [
+        ("fit.lobes", options.lobes.to_string()),
         ("fit.method", options.method.name().to_string()),
         ("fit.residual", options.residual.name().to_string()),
         ("fit.diffuse", diffuse),
