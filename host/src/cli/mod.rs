@@ -10,6 +10,8 @@ use crate::progress;
 use crate::report::Report;
 
 mod acquire;
+mod chart;
+mod compare;
 #[cfg(feature = "sim")]
 mod demo;
 mod develop;
@@ -70,6 +72,10 @@ enum Command {
     Edit(edit::EditArgs),
     /// Renders a scene
     Render(render::RenderArgs),
+    /// Renders a run's poses from the fitted map, beside the photographs
+    Compare(compare::CompareArgs),
+    /// Plots what a method costs against how right it is
+    Chart(chart::ChartArgs),
     /// Prints a commented example of a file that Lobelia reads
     Template(template::TemplateArgs),
     /// Prints a completion script for a shell
@@ -92,6 +98,8 @@ impl Command {
             Self::Edit(_) => "edit",
             Self::Render(_) => "render",
             Self::Rig(_) => "rig",
+            Self::Chart(_) => "chart",
+            Self::Compare(_) => "compare",
             Self::Template(_) => "template",
             Self::Completions { .. } => "completions",
         }
@@ -161,6 +169,8 @@ fn run(cli: Cli) -> Result<()> {
         Command::Fit(args) => fit::run(&args, &mut context),
         Command::Edit(args) => edit::run(&args, &mut context),
         Command::Render(args) => render::run(&args, &mut context),
+        Command::Compare(args) => compare::run(&args, &mut context),
+        Command::Chart(args) => chart::run(&args, &mut context),
         Command::Template(args) => template::run(&args),
         Command::Completions { shell } => {
             clap_complete::generate(shell, &mut Cli::command(), "lobelia", &mut std::io::stdout());
