@@ -13,7 +13,7 @@ use crate::error::{Error, Result};
 use crate::fit::chunks::{self, Part};
 use crate::fit::figures::ErrorFigure;
 use crate::fit::table::{self, TableOptions, WavelengthFit};
-use crate::fit::{Diffuse, FitOptions, MOST_LOBES, Method, Residual};
+use crate::fit::{Diffuse, FitOptions, MOST_LOBES, Method, Residual, mip};
 use crate::reflectance::{MeasuredTable, SbrdfMap};
 use crate::sampled::SampledStore;
 
@@ -59,6 +59,9 @@ pub(super) struct FitArgs {
     /// Fit part I of N of a sampled SBRDF and write it as a shard for --merge; a shard that is there already is left as it is
     #[arg(long, value_name = "I/N", conflicts_with = "merge")]
     pub(super) chunks: Option<Part>,
+    /// Fit MIP levels as well, each to the samples averaged over its texels, down to one texel: FILE.mip1.exr, FILE.mip2.exr, …
+    #[arg(long, conflicts_with_all = ["chunks", "merge"])]
+    pub(super) mip: bool,
     /// Join the shards of all parts into the map: the same, byte for byte, as of one run
     #[arg(long, value_name = "SHARD.exr", num_args = 1..)]
     pub(super) merge: Vec<PathBuf>,
@@ -218,6 +221,12 @@ fn fit_sampled(args: &FitArgs, input: &Path) -> Result<FitOutcome> {
     let map = chunks::fit_store(&store, &options)?;
     let seconds = start.elapsed().as_secs_f64();
     write_map(&map, output)?;
+    if args.mip {
+        for level in 1..=mip::last([store.width, store.height]) {
+            let path = output.with_extension(format!("mip{level}.exr"));
+            write_map(&chunks::fit_level(&store, &options, level)?, &path)?;
+        }
+    }
     let outcome = sampled_outcome(&map, seconds);
     let (texels, poses) = (store.width * store.height, store.poses.len());
     print(&format!(
@@ -273,8 +282,8 @@ fn sampled_outcome(map: &SbrdfMap, seconds: f64) -> FitOutcome {
 }
 
 fn fit_table(args: &FitArgs, input: &Path, seed: u64) -> Result<FitOutcome> {
-    if args.chunks.is_some() {
-        return Err(Error::input("--chunks is for sampled SBRDFs (.zarr)"));
+    if args.chunks.is_some() || args.mip {
+        return Err(Error::input("--chunks and --mip are for sampled SBRDFs (.zarr)"));
     }
     if args.diffuse_percentile.is_some() || args.separate_channels {
         return Err(Error::input(
@@ -505,10 +514,15 @@ mod tests {
         let mut sampled = SampledSbrdf::empty(3, 2, 1.0, poses);
         sampled.reflectance.fill(0.25);
         sampled.write_zarr(&input).unwrap();
-        let arguments = [input.to_str().unwrap(), "-o", output.to_str().unwrap(), "--lobes", "1"];
+        let arguments = [input.to_str().unwrap(), "-o", output.to_str().unwrap(), "--lobes", "1", "--mip"];
         let outcome = fit_input(&parsed(&arguments), 1).unwrap();
         assert!(outcome.errors[0].value < 1e-3, "{outcome:?}");
         let map = SbrdfMap::read_exr(&output).unwrap();
         assert_eq!((map.width, map.height), (3, 2));
+        for (level, size) in [(1, (2, 1)), (2, (1, 1))] {
+            let map = SbrdfMap::read_exr(&folder.path().join(format!("m.mip{level}.exr"))).unwrap();
+            assert_eq!((map.width, map.height), size);
+        }
+        assert!(!folder.path().join("m.mip3.exr").exists());
     }
 }

@@ -10,12 +10,12 @@ use std::path::Path;
 
 use rayon::prelude::*;
 
-use super::{FitOptions, fit_window, has_samples};
+use super::{FitOptions, fit_window, has_samples, mip};
 use crate::acquire::sha256;
 use crate::error::{Error, Result};
 use crate::progress;
 use crate::reflectance::SbrdfMap;
-use crate::sampled::{SampledStore, Window};
+use crate::sampled::{SampledSbrdf, SampledStore, Window};
 
 /// Part `index` (from 1) of `count`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -63,11 +63,24 @@ const SIZE: &str = "shard.size";
 /// # Errors
 /// As there; and when a chunk cannot be read.
 pub fn fit_store(store: &SampledStore, options: &FitOptions) -> Result<SbrdfMap> {
+    fit_level(store, options, 0)
+}
+
+/// Fits a MIP level of a store to the averaged samples of its texels ([`mip`]); level 0 is the store itself.
+///
+/// # Errors
+/// As [`fit_store`].
+pub fn fit_level(store: &SampledStore, options: &FitOptions, level: u32) -> Result<SbrdfMap> {
     options.check()?;
-    let blocks = store.blocks();
-    let row = fit_blocks(store, options, &blocks, |_| String::new())?.0;
-    let map = laid_out([store.width, store.height], &blocks, &[&row]);
+    let size = mip::size([store.width, store.height], level);
+    let blocks = Window::blocks(size, store.block_size());
+    let read = |window: &Window| mip::read(store, level, window);
+    let row = fit_blocks(options, &blocks, read, |_| String::new())?.0;
+    let mut map = laid_out(size, &blocks, &[&row]);
     has_samples(&map)?;
+    if level > 0 {
+        map.attributes.insert("mip.level".into(), level.to_string());
+    }
     Ok(map)
 }
 
@@ -78,7 +91,7 @@ pub fn fit_store(store: &SampledStore, options: &FitOptions) -> Result<SbrdfMap>
 pub fn fit_part(store: &SampledStore, options: &FitOptions, part: Part) -> Result<SbrdfMap> {
     options.check()?;
     let blocks = blocks_of(store, part)?;
-    let (mut shard, samples) = fit_blocks(store, options, &blocks, hash)?;
+    let (mut shard, samples) = fit_blocks(options, &blocks, |window| store.read(window), hash)?;
     let [columns, rows] = store.block_size();
     for (key, value) in [
         (PART, part.to_string()),
@@ -232,9 +245,9 @@ fn hash(reflectance: &[f32]) -> String {
 
 /// Fits blocks, a few at a time, into a map of one row; and the hash of their samples, each block's by `hash`.
 fn fit_blocks(
-    store: &SampledStore,
     options: &FitOptions,
     blocks: &[Window],
+    read: impl Fn(&Window) -> Result<SampledSbrdf> + Sync,
     hash: impl Fn(&[f32]) -> String + Sync,
 ) -> Result<(SbrdfMap, String)> {
     let texels: usize = blocks.iter().map(Window::texels).sum();
@@ -244,7 +257,7 @@ fn fit_blocks(
     for group in blocks.chunks(2 * rayon::current_num_threads()) {
         let fits: Vec<Result<(SbrdfMap, String)>> = (group.par_iter())
             .map(|window| {
-                let sampled = store.read(window)?;
+                let sampled = read(window)?;
                 Ok((fit_window(&sampled, options, || bar.advance(1)), hash(&sampled.reflectance)))
             })
             .collect();
@@ -299,7 +312,7 @@ fn paste(map: &mut SbrdfMap, piece: &SbrdfMap, places: &[usize]) {
 mod tests {
     use super::*;
     use crate::fit::fit_sbrdf;
-    use crate::sampled::{PoseGeometry, SampledSbrdf};
+    use crate::sampled::PoseGeometry;
     use glam::DVec3;
 
     /// 40 × 20 texels at 24 poses: a lobe that changes from texel to texel, a corner block without samples.
@@ -367,6 +380,24 @@ mod tests {
         shards.rotate_left(1);
         assert!(merge(&shards, None).unwrap() == whole);
         assert!(merge(&shards, Some(&store)).unwrap() == whole);
+    }
+
+    #[test]
+    fn a_level_is_fitted_to_the_mean_reflectance_of_its_texels() {
+        let Case { folder: _folder, store, .. } = case(1);
+        let map = fit_level(&store, &OPTIONS_OF_CASE, 2).unwrap();
+        assert_eq!((map.width, map.height, map.attributes["mip.level"].as_str()), (10, 5, "2"));
+        let (fine, poses) = (sampled(), 24);
+        let coarse = mip::read(&store, 2, &Window { x: 0..10, y: 0..5 }).unwrap();
+        // The texels of (3, 1) are rows 4 to 7 and columns 12 to 15.
+        for pose in 0..poses {
+            let texels = (4..8).flat_map(|y| (12..16).map(move |x| y * 40 + x));
+            let mean = texels.map(|k| fine.samples(k).nth(pose).unwrap().x).sum::<f32>() / 16.0;
+            let (wi, wo) = coarse.directions(13, pose);
+            let fitted = map.eval(13, wi, wo).x;
+            assert!((fitted / mean - 1.0).abs() < 0.02, "pose {pose}: {fitted} {mean}");
+        }
+        assert_eq!(map.extra["samples"][4 * 10 + 9], 0.0);
     }
 
     #[test]

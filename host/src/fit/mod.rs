@@ -12,6 +12,7 @@ pub mod figures;
 pub mod line_search;
 pub mod linear;
 pub mod lm;
+pub mod mip;
 pub mod model;
 pub mod random;
 pub mod samples;

@@ -148,6 +148,17 @@ impl SampledStore {
         Window::blocks([self.width, self.height], self.block_size())
     }
 
+    /// The parts of a window that lie in one chunk each, row by row.
+    pub fn blocks_within(&self, window: &Window) -> Vec<Window> {
+        let [columns, rows] = self.block_size();
+        let parts = |range: &Range<usize>, edge: usize| -> Vec<Range<usize>> {
+            let chunks = range.start / edge..range.end.div_ceil(edge);
+            chunks.map(|k| (k * edge).max(range.start)..((k + 1) * edge).min(range.end)).collect()
+        };
+        let (xs, ys) = (parts(&window.x, columns), parts(&window.y, rows));
+        ys.iter().flat_map(|y| xs.iter().map(|x| Window { x: x.clone(), y: y.clone() })).collect()
+    }
+
     /// Reads a window.
     ///
     /// # Errors
