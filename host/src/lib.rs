@@ -11,6 +11,7 @@ pub mod compare;
 #[cfg(feature = "sim")]
 pub mod demo;
 pub mod develop;
+pub mod edit;
 pub mod error;
 pub mod files;
 pub mod fit;

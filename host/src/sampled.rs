@@ -3,11 +3,13 @@
 //! Shapes and names are those of the Zarr store: `reflectance` [y, x, pose, rgb] in sr⁻¹, NaN where a texel has no
 //! valid exposure; `light_position_mm`, `camera_position_mm` [pose, xyz] in the sample's frame.
 
-use glam::{DVec3, Vec3};
+use glam::{DVec2, DVec3, Vec3};
 
 use crate::reflectance::Rgb;
 
 mod store;
+
+pub use store::{SampledStore, Window};
 
 /// Where the light and the camera stood for one pose, in the sample's frame (origin at its centre, z outward).
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -20,7 +22,7 @@ pub struct PoseGeometry {
     pub weight: f64,
 }
 
-/// Reflectance of `height` × `width` texels at every pose.
+/// Reflectance of `height` × `width` texels at every pose: a whole sample, or a window of one.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SampledSbrdf {
     /// Texels a row.
@@ -29,6 +31,8 @@ pub struct SampledSbrdf {
     pub height: usize,
     /// Edge of a texel, mm.
     pub texel_mm: f64,
+    /// From the sample's centre to that of this window, texels along x and y; 0 for a whole sample.
+    pub offset_texels: DVec2,
     /// Geometry a pose.
     pub poses: Vec<PoseGeometry>,
     /// [y, x, pose, rgb] in sr⁻¹; NaN without a valid exposure.
@@ -39,7 +43,7 @@ impl SampledSbrdf {
     /// A store of NaN for the given size.
     pub fn empty(width: usize, height: usize, texel_mm: f64, poses: Vec<PoseGeometry>) -> Self {
         let reflectance = vec![f32::NAN; width * height * poses.len() * 3];
-        Self { width, height, texel_mm, poses, reflectance }
+        Self { width, height, texel_mm, offset_texels: DVec2::ZERO, poses, reflectance }
     }
 
     /// Number of texels.
@@ -49,7 +53,8 @@ impl SampledSbrdf {
 
     /// Centre of texel `index` (row · width + column) in the sample's frame, mm.
     pub fn position_mm(&self, index: usize) -> DVec3 {
-        texel_position_mm(self.width, self.height, self.texel_mm, index)
+        let centred = texel_position_mm(self.width, self.height, 1.0, index);
+        (centred + self.offset_texels.extend(0.0)) * self.texel_mm
     }
 
     /// Unit directions toward the light and the camera from texel `index` at `pose`.

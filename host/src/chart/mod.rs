@@ -11,8 +11,10 @@ use crate::error::{Error, Result};
 use crate::files;
 use crate::page::{self, html};
 
+pub mod interpolation;
 pub mod plan;
 mod plot;
+pub mod storage;
 mod table;
 
 pub use plot::{Axis, Plot, Series};

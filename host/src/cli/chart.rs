@@ -27,6 +27,10 @@ enum What {
         /// The rig; the default one when not given
         rig: Option<PathBuf>,
     },
+    /// Coefficients in fewer bits: f16 and 8 bits against f32
+    Storage,
+    /// Interpolated coefficients against interpolated reflectance, between texels and in MIP levels
+    Interpolation,
 }
 
 /// Runs `lobelia chart`.
@@ -43,6 +47,8 @@ pub(super) fn run(args: &ChartArgs, context: &mut Context) -> Result<()> {
             };
             context.report.stage("chart", || chart::plan::chart(&config, seed))?
         }
+        What::Storage => context.report.stage("chart", || chart::storage::chart(seed)),
+        What::Interpolation => context.report.stage("chart", chart::interpolation::chart),
     };
     let page = chart.write(&args.output)?;
     print!("{chart}");

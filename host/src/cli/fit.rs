@@ -1,4 +1,6 @@
-//! `lobelia fit`: a sampled SBRDF into an SBRDF map, or one measured table into lobes a wavelength.
+//! `lobelia fit`: a sampled SBRDF into an SBRDF map, at once or in parts, or one measured table into lobes a wavelength.
+
+mod parts;
 
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
@@ -8,11 +10,12 @@ use std::time::Instant;
 use clap::{Args, ValueEnum};
 
 use crate::error::{Error, Result};
+use crate::fit::chunks::{self, Part};
 use crate::fit::figures::ErrorFigure;
 use crate::fit::table::{self, TableOptions, WavelengthFit};
-use crate::fit::{self, Diffuse, FitOptions, MOST_LOBES, Method, Residual};
+use crate::fit::{Diffuse, FitOptions, MOST_LOBES, Method, Residual, mip};
 use crate::reflectance::{MeasuredTable, SbrdfMap};
-use crate::sampled::SampledSbrdf;
+use crate::sampled::SampledStore;
 
 /// Lobes where the method cannot choose: what most materials need and no start fails on.
 const AUTO_LOBES: usize = 2;
@@ -20,8 +23,9 @@ const AUTO_LOBES: usize = 2;
 /// Arguments of `lobelia fit`.
 #[derive(Debug, Clone, Args)]
 pub(super) struct FitArgs {
-    /// A sampled SBRDF (folder.zarr) or a measured table (FILE.brdf)
-    pub(super) input: PathBuf,
+    /// A sampled SBRDF (folder.zarr) or a measured table (FILE.brdf); with --merge optional: shards are then checked against it
+    #[arg(required_unless_present = "merge")]
+    pub(super) input: Option<PathBuf>,
     /// The SBRDF map to write (OpenEXR); required for a sampled SBRDF
     #[arg(short, long, value_name = "FILE.exr")]
     pub(super) output: Option<PathBuf>,
@@ -53,6 +57,15 @@ pub(super) struct FitArgs {
     /// Compare the deterministic start on a table with the best of this many random ones
     #[arg(long, default_value_t = 0, value_name = "N")]
     pub(super) random_starts: usize,
+    /// Fit part I of N of a sampled SBRDF and write it as a shard for --merge; a shard that is there already is left as it is
+    #[arg(long, value_name = "I/N", conflicts_with = "merge")]
+    pub(super) chunks: Option<Part>,
+    /// Fit MIP levels as well, each to the samples averaged over its texels, down to one texel: FILE.mip1.exr, FILE.mip2.exr, …
+    #[arg(long, conflicts_with_all = ["chunks", "merge"])]
+    pub(super) mip: bool,
+    /// Join the shards of all parts into the map: the same, byte for byte, as of one run
+    #[arg(long, value_name = "SHARD.exr", num_args = 1..)]
+    pub(super) merge: Vec<PathBuf>,
 }
 
 /// A number of lobes, or the choice left to the command.
@@ -163,7 +176,7 @@ impl FitArgs {
 /// # Errors
 /// As [`fit_input`].
 pub(super) fn run(args: &FitArgs, context: &mut super::Context) -> Result<()> {
-    context.report.input(&args.input);
+    args.input.iter().chain(&args.merge).for_each(|path| context.report.input(path));
     let seed = context.seed;
     let outcome = context.report.stage("fit", || fit_input(args, seed))?;
     context.report.errors.extend(outcome.errors);
@@ -181,20 +194,30 @@ fn fit_input(args: &FitArgs, seed: u64) -> Result<FitOutcome> {
     {
         return Err(Error::input(format!("{}: an SBRDF map's name ends in .exr", output.display())));
     }
-    match args.input.extension().and_then(|extension| extension.to_str()) {
-        Some("zarr") => fit_sampled(args),
-        Some("brdf") => fit_table(args, seed),
+    if !args.merge.is_empty() {
+        return parts::merge(args);
+    }
+    let Some(input) = &args.input else {
+        return Err(Error::input("there is nothing to fit: name a sampled SBRDF or a measured table"));
+    };
+    match input.extension().and_then(|extension| extension.to_str()) {
+        Some("zarr") => fit_sampled(args, input),
+        Some("brdf") => fit_table(args, input, seed),
         _ => Err(Error::input(format!(
             "{}: `fit` reads a sampled SBRDF (.zarr) or a measured table (.brdf); the name's ending must say which",
-            args.input.display()
+            input.display()
         ))),
     }
 }
 
-fn fit_sampled(args: &FitArgs) -> Result<FitOutcome> {
-    let Some(output) = &args.output else {
-        return Err(Error::input("a sampled SBRDF needs -o FILE.exr, the SBRDF map to write"));
-    };
+/// The map to write, which a sampled SBRDF needs.
+fn output(args: &FitArgs) -> Result<&Path> {
+    let message = "a sampled SBRDF needs -o FILE.exr, the SBRDF map to write";
+    args.output.as_deref().ok_or_else(|| Error::input(message))
+}
+
+fn fit_sampled(args: &FitArgs, input: &Path) -> Result<FitOutcome> {
+    let output = output(args)?;
     if !args.hold_out_theta_deg.is_empty() || args.random_starts > 0 {
         return Err(Error::input("--hold-out-theta-deg and --random-starts are for measured tables (.brdf)"));
     }
@@ -211,22 +234,27 @@ fn fit_sampled(args: &FitArgs) -> Result<FitOutcome> {
         residual,
     };
     options.check()?;
-    let sampled = SampledSbrdf::read_zarr(&args.input)?;
+    let store = SampledStore::open(input)?;
+    if let Some(part) = args.chunks {
+        return parts::fit(&store, &options, part, output);
+    }
     let start = Instant::now();
-    let map = fit::fit_sbrdf(&sampled, &options)?;
+    let map = chunks::fit_store(&store, &options)?;
     let seconds = start.elapsed().as_secs_f64();
     write_map(&map, output)?;
-    let outcome = sampled_outcome(&map, &options, seconds);
-    let value =
-        |name: &str| outcome.errors.iter().find(|error| error.name == name).map_or(0.0, |error| error.value);
+    if args.mip {
+        for level in 1..=mip::last([store.width, store.height]) {
+            let path = output.with_extension(format!("mip{level}.exr"));
+            write_map(&chunks::fit_level(&store, &options, level)?, &path)?;
+        }
+    }
+    let outcome = sampled_outcome(&map, seconds);
+    let (texels, poses) = (store.width * store.height, store.poses.len());
     print(&format!(
-        "{} texels × {} poses, {} by {}: {seconds:.1} s\nresidual: median {:.2} % of the samples' RMS, 95 % of the texels below {:.2} %\n",
-        sampled.texels(),
-        sampled.poses.len(),
+        "{texels} texels × {poses} poses, {} by {}: {seconds:.1} s\n{}",
         lobes_in_words(&map, &options),
         options.method.name(),
-        100.0 * value("residual_relative_median"),
-        100.0 * value("residual_relative_p95"),
+        outcome.residuals()
     ))?;
     Ok(outcome)
 }
@@ -247,8 +275,22 @@ fn lobes_in_words(map: &SbrdfMap, options: &FitOptions) -> String {
     shares.join(", ")
 }
 
+impl FitOutcome {
+    /// The residuals in a sentence.
+    fn residuals(&self) -> String {
+        let percent = |name: &str| {
+            100.0 * self.errors.iter().find(|error| error.name == name).map_or(0.0, |error| error.value)
+        };
+        format!(
+            "residual: median {:.2} % of the samples' RMS, 95 % of the texels below {:.2} %\n",
+            percent("residual_relative_median"),
+            percent("residual_relative_p95"),
+        )
+    }
+}
+
 /// Errors and rates of a fitted map.
-pub(super) fn sampled_outcome(map: &SbrdfMap, options: &FitOptions, seconds: f64) -> FitOutcome {
+fn sampled_outcome(map: &SbrdfMap, seconds: f64) -> FitOutcome {
     let mut relative: Vec<f32> = (map.extra["error.relative"].iter().zip(&map.extra["samples"]))
         .filter(|&(_, &samples)| samples > 0.0)
         .map(|(&error, _)| error)
@@ -262,10 +304,14 @@ pub(super) fn sampled_outcome(map: &SbrdfMap, options: &FitOptions, seconds: f64
     for (name, share) in [("residual_relative_median", 0.5), ("residual_relative_p95", 0.95)] {
         let place = ((relative.len() as f64 * share) as usize).min(relative.len().saturating_sub(1));
         let value = relative.get(place).map_or(0.0, |&error| f64::from(error));
-        let figure = ErrorFigure::new(name, value, "1", over.clone())
-            .with("lobes", lobes.clone())
-            .with("method", options.method.name())
-            .with("residual", options.residual.name());
+        let mut figure = ErrorFigure::new(name, value, "1", over.clone());
+        for key in ["lobes", "method", "residual"] {
+            let text = map.attributes.get(&format!("fit.{key}")).map_or("unknown", String::as_str);
+            figure = match text.parse::<usize>() {
+                Ok(number) => figure.with(key, number),
+                Err(_) => figure.with(key, text),
+            };
+        }
         outcome.errors.push(figure);
     }
     outcome.figures.insert("texels".into(), texels.into());
@@ -274,7 +320,10 @@ pub(super) fn sampled_outcome(map: &SbrdfMap, options: &FitOptions, seconds: f64
     outcome
 }
 
-fn fit_table(args: &FitArgs, seed: u64) -> Result<FitOutcome> {
+fn fit_table(args: &FitArgs, input: &Path, seed: u64) -> Result<FitOutcome> {
+    if args.chunks.is_some() || args.mip {
+        return Err(Error::input("--chunks and --mip are for sampled SBRDFs (.zarr)"));
+    }
     if args.diffuse_percentile.is_some() || args.separate_channels {
         return Err(Error::input(
             "--diffuse-percentile and --separate-channels are for sampled SBRDFs (.zarr)",
@@ -302,13 +351,13 @@ fn fit_table(args: &FitArgs, seed: u64) -> Result<FitOutcome> {
             args.wavelengths_nm.len()
         )));
     }
-    let measured = MeasuredTable::read(&args.input).map_err(|error| Error::input(error.to_string()))?;
+    let measured = MeasuredTable::read(input).map_err(|error| Error::input(error.to_string()))?;
     let wanted = args.lobes();
     let most = if options.method == Method::LineSearch { 1 } else { AUTO_LOBES };
     let lobes: Vec<usize> = (0..=most.max(wanted)).collect();
     let start = Instant::now();
     let fits = table::fit(&measured, &args.wavelengths_nm, &lobes, &options)
-        .map_err(|error| error.at(args.input.display()))?;
+        .map_err(|error| error.at(input.display()))?;
     let seconds = start.elapsed().as_secs_f64();
     print(&described(&measured, &fits, wanted, &options, seconds)?)?;
     if let Some(output) = &args.output {
@@ -417,6 +466,7 @@ fn print(text: &str) -> Result<()> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::sampled::SampledSbrdf;
     use clap::Parser;
 
     #[derive(Parser)]
@@ -512,10 +562,15 @@ mod tests {
         let mut sampled = SampledSbrdf::empty(3, 2, 1.0, poses);
         sampled.reflectance.fill(0.25);
         sampled.write_zarr(&input).unwrap();
-        let arguments = [input.to_str().unwrap(), "-o", output.to_str().unwrap(), "--lobes", "1"];
+        let arguments = [input.to_str().unwrap(), "-o", output.to_str().unwrap(), "--lobes", "1", "--mip"];
         let outcome = fit_input(&parsed(&arguments), 1).unwrap();
         assert!(outcome.errors[0].value < 1e-3, "{outcome:?}");
         let map = SbrdfMap::read_exr(&output).unwrap();
         assert_eq!((map.width, map.height), (3, 2));
+        for (level, size) in [(1, (2, 1)), (2, (1, 1))] {
+            let map = SbrdfMap::read_exr(&folder.path().join(format!("m.mip{level}.exr"))).unwrap();
+            assert_eq!((map.width, map.height), size);
+        }
+        assert!(!folder.path().join("m.mip3.exr").exists());
     }
 }

@@ -15,6 +15,7 @@ mod compare;
 #[cfg(feature = "sim")]
 mod demo;
 mod develop;
+mod edit;
 mod fit;
 mod plan;
 mod render;
@@ -70,6 +71,8 @@ enum Command {
     Fit(fit::FitArgs),
     /// Makes a sampled SBRDF of a known material, with noise, to test fits on
     Synth(synth::SynthArgs),
+    /// Edits SBRDF maps: palettes, means, composites, diffuse photographs, tiles
+    Edit(edit::EditArgs),
     /// Renders a scene
     Render(render::RenderArgs),
     /// Renders a run's poses from the fitted map, beside the photographs
@@ -95,6 +98,7 @@ impl Command {
             Self::Acquire(_) => "acquire",
             Self::Develop(_) => "develop",
             Self::Fit(_) => "fit",
+            Self::Edit(_) => "edit",
             Self::Render(_) => "render",
             Self::Rig(_) => "rig",
             Self::Synth(_) => "synth",
@@ -168,6 +172,7 @@ fn run(cli: Cli) -> Result<()> {
         Command::Develop(args) => develop::run(&args, &mut context),
         Command::Fit(args) => fit::run(&args, &mut context),
         Command::Synth(args) => synth::run(&args, &mut context),
+        Command::Edit(args) => edit::run(&args, &mut context),
         Command::Render(args) => render::run(&args, &mut context),
         Command::Compare(args) => compare::run(&args, &mut context),
         Command::Chart(args) => chart::run(&args, &mut context),

@@ -6,12 +6,14 @@
 //! published search over n for one lobe ([`line_search`]), above a percentile for ρ_d ([`diffuse`]).
 
 pub mod albedo;
+pub mod chunks;
 pub mod diffuse;
 pub mod evaluate;
 pub mod figures;
 pub mod line_search;
 pub mod linear;
 pub mod lm;
+pub mod mip;
 pub mod model;
 pub mod random;
 pub mod samples;
@@ -255,25 +257,37 @@ impl FitOptions {
 pub fn fit_sbrdf(sampled: &SampledSbrdf, options: &FitOptions) -> Result<SbrdfMap> {
     options.check()?;
     let bar = progress::bar("fitting", sampled.texels() as u64, "texels");
-    let fits = match options.method {
-        Method::Separable => fit_blocks(sampled, options, &bar),
-        Method::Lm | Method::LineSearch => fit_texels(sampled, options, &bar),
-    };
-    if fits.iter().all(|fit| fit.samples == 0) {
+    let map = fit_window(sampled, options, || bar.advance(1));
+    has_samples(&map)?;
+    Ok(map)
+}
+
+/// Refuses a map of which no texel had a valid sample.
+fn has_samples(map: &SbrdfMap) -> Result<()> {
+    if map.extra["samples"].iter().all(|&samples| samples == 0.0) {
         return Err(Error::input("the sampled SBRDF has no valid sample in any texel"));
     }
-    Ok(map_of(sampled, options, &fits))
+    Ok(())
+}
+
+/// As [`fit_sbrdf`] with options that are checked, for a window that may be without any sample; `done` is called a texel.
+fn fit_window(sampled: &SampledSbrdf, options: &FitOptions, done: impl Fn() + Sync) -> SbrdfMap {
+    let fits = match options.method {
+        Method::Separable => fit_blocks(sampled, options, &done),
+        Method::Lm | Method::LineSearch => fit_texels(sampled, options, &done),
+    };
+    map_of(sampled, options, &fits)
 }
 
 /// Texel by texel.
-fn fit_texels(sampled: &SampledSbrdf, options: &FitOptions, bar: &progress::Bar) -> Vec<TexelFit> {
+fn fit_texels(sampled: &SampledSbrdf, options: &FitOptions, done: &(impl Fn() + Sync)) -> Vec<TexelFit> {
     (0..sampled.texels())
         .into_par_iter()
         .with_min_len(16)
         .map_init(Workspace::default, |workspace, index| {
             load(&mut workspace.samples, sampled, index);
             let fit = texel::fit(workspace, options);
-            bar.advance(1);
+            done();
             fit
         })
         .collect()
@@ -283,7 +297,7 @@ fn fit_texels(sampled: &SampledSbrdf, options: &FitOptions, bar: &progress::Bar)
 const BLOCK: usize = 16;
 
 /// The separable fit, block by block.
-fn fit_blocks(sampled: &SampledSbrdf, options: &FitOptions, bar: &progress::Bar) -> Vec<TexelFit> {
+fn fit_blocks(sampled: &SampledSbrdf, options: &FitOptions, done: &(impl Fn() + Sync)) -> Vec<TexelFit> {
     let poses = separable::data::Poses::new(&sampled.poses);
     let (width, height) = (sampled.width, sampled.height);
     let columns = width.div_ceil(BLOCK);
@@ -295,7 +309,7 @@ fn fit_blocks(sampled: &SampledSbrdf, options: &FitOptions, bar: &progress::Bar)
             let fits = texels.map(|index| {
                 workspace.load(&poses, sampled, index);
                 let fit = workspace.fit(options);
-                bar.advance(1);
+                done();
                 fit
             });
             fits.collect()

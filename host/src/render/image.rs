@@ -3,6 +3,7 @@
 use std::fs;
 use std::path::Path;
 
+use exr::prelude::{Encoding, Image, LineOrder, SpecificChannels, WritableImage};
 use glam::Vec4;
 
 use crate::error::{Error, Result};
@@ -68,10 +69,14 @@ impl Picture {
     /// Linear OpenEXR.
     fn write_exr(&self, path: &Path) -> Result<()> {
         let temporary = files::temporary_name(path);
-        let written = exr::prelude::write_rgba_file(&temporary, self.width, self.height, |x, y| {
-            let pixel = self.pixels[y * self.width + x];
+        let channels = SpecificChannels::rgba(|at: exr::math::Vec2<usize>| {
+            let pixel = self.pixels[at.y() * self.width + at.x()];
             (pixel.x, pixel.y, pixel.z, pixel.w)
         });
+        // Tiles in order: unordered ones are written as the threads that compress them end, other bytes each time.
+        let encoding = Encoding { line_order: LineOrder::Increasing, ..Encoding::FAST_LOSSLESS };
+        let image = Image::from_encoded_channels((self.width, self.height), encoding, channels);
+        let written = image.write().to_file(&temporary);
         let renamed = written.map_err(|error| error.to_string()).and_then(|()| {
             let sync = || fs::File::open(&temporary)?.sync_all();
             sync().and_then(|()| fs::rename(&temporary, path)).map_err(|error| error.to_string())

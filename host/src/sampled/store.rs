@@ -1,16 +1,18 @@
 //! The Zarr v3 store of a sampled SBRDF: chunked by texel block over all poses, so that a fit reads a block once.
 
 use std::fs;
-use std::path::Path;
+use std::ops::Range;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use glam::DVec3;
+use glam::{DVec2, DVec3};
 use rayon::prelude::*;
-use zarrs::array::{Array, ArrayBuilder, DataType, FillValue, data_type};
+use zarrs::array::{Array, ArrayBuilder, CodecOptions, DataType, FillValue, data_type};
 use zarrs::filesystem::FilesystemStore;
 use zarrs::group::{Group, GroupBuilder};
 
 use super::{PoseGeometry, SampledSbrdf};
+use crate::acquire::sha256;
 use crate::error::{Error, Result};
 use crate::files;
 
@@ -69,18 +71,130 @@ impl SampledSbrdf {
     /// Reads a store that [`Self::write_zarr`] or another Zarr v3 writer made.
     ///
     /// # Errors
-    /// Input errors for a folder that is no such store or whose shapes disagree.
+    /// As [`SampledStore::open`].
     pub fn read_zarr(path: &Path) -> Result<Self> {
+        let store = SampledStore::open(path)?;
+        store.read(&Window { x: 0..store.width, y: 0..store.height })
+    }
+}
+
+/// Columns and rows of a sample.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Window {
+    /// Columns.
+    pub x: Range<usize>,
+    /// Rows.
+    pub y: Range<usize>,
+}
+
+impl Window {
+    /// Columns × rows in blocks, row by row; those at the right and lower edge may be smaller.
+    pub fn blocks([width, height]: [usize; 2], [columns, rows]: [usize; 2]) -> Vec<Self> {
+        let row = |y: usize| {
+            (0..width)
+                .step_by(columns)
+                .map(move |x| Self { x: x..(x + columns).min(width), y: y..(y + rows).min(height) })
+        };
+        (0..height).step_by(rows).flat_map(row).collect()
+    }
+
+    /// Number of texels.
+    pub fn texels(&self) -> usize {
+        self.x.len() * self.y.len()
+    }
+}
+
+/// A store whose samples are read window by window; the poses are in memory.
+pub struct SampledStore {
+    path: PathBuf,
+    array: Array<FilesystemStore>,
+    /// Texels a row.
+    pub width: usize,
+    /// Rows.
+    pub height: usize,
+    /// Edge of a texel, mm.
+    pub texel_mm: f64,
+    /// Geometry a pose.
+    pub poses: Vec<PoseGeometry>,
+}
+
+impl SampledStore {
+    /// Opens a store that [`SampledSbrdf::write_zarr`] or another Zarr v3 writer made.
+    ///
+    /// # Errors
+    /// Input errors for a folder that is no such store, whose shapes disagree or that lacks a chunk.
+    pub fn open(path: &Path) -> Result<Self> {
         if !path.join("zarr.json").is_file() {
             return Err(Error::input(format!(
                 "{}: not a Zarr v3 store: it has no zarr.json",
                 path.display()
             )));
         }
-        read_store(path).map_err(|error| match error {
+        open_store(path).map_err(|error| match error {
             StoreError::Layout(message) => Error::input(format!("{}: {message}", path.display())),
             StoreError::Zarr(error) => Error::reading(path, error),
         })
+    }
+
+    /// Columns and rows of a chunk of the samples.
+    pub fn block_size(&self) -> [usize; 2] {
+        let shape = self.array.chunk_shape(&[0; 4]).ok();
+        let edge = |axis: usize| shape.as_ref().map_or(BLOCK, |shape| shape[axis].get() as usize);
+        [edge(1), edge(0)]
+    }
+
+    /// The store's chunks as windows, row by row.
+    pub fn blocks(&self) -> Vec<Window> {
+        Window::blocks([self.width, self.height], self.block_size())
+    }
+
+    /// The parts of a window that lie in one chunk each, row by row.
+    pub fn blocks_within(&self, window: &Window) -> Vec<Window> {
+        let [columns, rows] = self.block_size();
+        let parts = |range: &Range<usize>, edge: usize| -> Vec<Range<usize>> {
+            let chunks = range.start / edge..range.end.div_ceil(edge);
+            chunks.map(|k| (k * edge).max(range.start)..((k + 1) * edge).min(range.end)).collect()
+        };
+        let (xs, ys) = (parts(&window.x, columns), parts(&window.y, rows));
+        ys.iter().flat_map(|y| xs.iter().map(|x| Window { x: x.clone(), y: y.clone() })).collect()
+    }
+
+    /// Reads a window.
+    ///
+    /// # Errors
+    /// When a chunk cannot be read or is no longer there.
+    pub fn read(&self, window: &Window) -> Result<SampledSbrdf> {
+        let [columns, rows] = self.block_size();
+        let chunks =
+            |range: &Range<usize>, edge: usize| (range.start / edge) as u64..range.end.div_ceil(edge) as u64;
+        chunks_are_there(&self.path, &self.array, chunks(&window.y, rows), chunks(&window.x, columns))
+            .map_err(|message| Error::input(format!("{}: {message}", self.path.display())))?;
+        let range = |range: &Range<usize>| range.start as u64..range.end as u64;
+        let subset = [range(&window.y), range(&window.x), 0..self.poses.len() as u64, 0..3];
+        let reflectance: Vec<f32> =
+            self.array.retrieve_array_subset(&subset).map_err(|error| Error::reading(&self.path, error))?;
+        let middle =
+            |range: &Range<usize>, whole: usize| (range.start + range.end) as f64 / 2.0 - whole as f64 / 2.0;
+        Ok(SampledSbrdf {
+            width: window.x.len(),
+            height: window.y.len(),
+            texel_mm: self.texel_mm,
+            offset_texels: DVec2::new(middle(&window.x, self.width), -middle(&window.y, self.height)),
+            poses: self.poses.clone(),
+            reflectance,
+        })
+    }
+
+    /// Hash of all but the samples: size, texel and poses.
+    pub fn geometry_sha256(&self) -> String {
+        let numbers = [self.width as f64, self.height as f64, self.texel_mm].into_iter();
+        let of = |pose: &PoseGeometry| {
+            let (light, camera) = (pose.light_mm, pose.camera_mm);
+            [light.x, light.y, light.z, camera.x, camera.y, camera.z, pose.weight]
+        };
+        let bytes: Vec<u8> =
+            numbers.chain(self.poses.iter().flat_map(of)).flat_map(f64::to_le_bytes).collect();
+        sha256(&bytes)
     }
 }
 
@@ -126,6 +240,8 @@ fn write_store(sampled: &SampledSbrdf, path: &Path) -> std::result::Result<(), B
         .dimension_names(["y", "x", "pose", "rgb"].into())
         .build(store, "/reflectance")?;
     array.store_metadata()?;
+    // A block of texels without any sample is written as well: a chunk that is not there counts as lost.
+    let options = CodecOptions::default().with_store_empty_chunks(true);
     let rows: Vec<usize> = (0..sampled.height).step_by(BLOCK).collect();
     rows.into_par_iter().try_for_each(|row| {
         (0..sampled.width).step_by(BLOCK).try_for_each(|column| {
@@ -137,7 +253,7 @@ fn write_store(sampled: &SampledSbrdf, path: &Path) -> std::result::Result<(), B
                 block.extend_from_slice(&sampled.reflectance[(line + column) * span..(line + right) * span]);
             }
             let subset = [row as u64..bottom as u64, column as u64..right as u64, 0..poses as u64, 0..3];
-            array.store_array_subset(&subset, block.as_slice())
+            array.store_array_subset_opt(&subset, block.as_slice(), &options)
         })
     })?;
     Ok(())
@@ -162,7 +278,7 @@ fn write_small(
     Ok(())
 }
 
-fn read_store(path: &Path) -> std::result::Result<SampledSbrdf, StoreError> {
+fn open_store(path: &Path) -> std::result::Result<SampledStore, StoreError> {
     let store = Arc::new(FilesystemStore::new(path)?);
     let root = Group::open(store.clone(), "/")?;
     let layout = root.attributes().get(LAYOUT_KEY).and_then(serde_json::Value::as_u64);
@@ -181,8 +297,8 @@ fn read_store(path: &Path) -> std::result::Result<SampledSbrdf, StoreError> {
         )));
     };
     require_type(&array, "reflectance", &data_type::float32())?;
-    chunks_are_there(path, &array)?;
-    let reflectance: Vec<f32> = array.retrieve_array_subset(&array.subset_all())?;
+    let grid = array.chunk_grid_shape();
+    chunks_are_there(path, &array, 0..grid[0], 0..grid[1]).map_err(StoreError::Layout)?;
     let light = read_small(&store, "light_position_mm", &[poses, 3])?;
     let camera = read_small(&store, "camera_position_mm", &[poses, 3])?;
     let weight = read_small(&store, "weight", &[poses])?;
@@ -193,19 +309,27 @@ fn read_store(path: &Path) -> std::result::Result<SampledSbrdf, StoreError> {
             weight: weight[pose],
         })
         .collect();
-    Ok(SampledSbrdf { width, height, texel_mm, poses, reflectance })
+    Ok(SampledStore { path: path.to_path_buf(), array, width, height, texel_mm, poses })
 }
 
-/// Zarr reads a chunk that is not there as its fill value; here that would be a block of texels lost without a word.
-fn chunks_are_there(path: &Path, array: &Array<FilesystemStore>) -> std::result::Result<(), StoreError> {
+/// Zarr reads a chunk that is not there as its fill value; here that would be a block of texels lost without a word. Checks the
+/// given rows and columns of the grid of chunks.
+fn chunks_are_there(
+    path: &Path,
+    array: &Array<FilesystemStore>,
+    rows: Range<u64>,
+    columns: Range<u64>,
+) -> std::result::Result<(), String> {
     let grid = array.chunk_grid_shape();
-    for index in 0..grid.iter().product::<u64>() {
-        let mut rest = index;
-        let mut indices: Vec<u64> = grid.iter().rev().map(|&n| (rest % n, rest /= n).0).collect();
-        indices.reverse();
-        let key = array.chunk_key(&indices);
-        if !path.join(key.as_str()).is_file() {
-            return Err(StoreError::Layout(format!("the chunk {} is missing", key.as_str())));
+    let (poses, colours) = (grid[2], grid[3]);
+    for row in rows {
+        for column in columns.clone() {
+            for rest in 0..poses * colours {
+                let key = array.chunk_key(&[row, column, rest / colours, rest % colours]);
+                if !path.join(key.as_str()).is_file() {
+                    return Err(format!("the chunk {} is missing", key.as_str()));
+                }
+            }
         }
     }
     Ok(())
@@ -267,6 +391,25 @@ mod tests {
     }
 
     #[test]
+    fn the_blocks_of_a_store_make_up_the_whole_with_the_same_directions() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("sampled.zarr");
+        let whole = example();
+        whole.write_zarr(&path).unwrap();
+        let store = SampledStore::open(&path).unwrap();
+        let blocks = store.blocks();
+        assert_eq!((blocks.len(), blocks.iter().map(Window::texels).sum::<usize>()), (6, 19 * 33));
+        for window in blocks {
+            let block = store.read(&window).unwrap();
+            for (k, (y, x)) in window.y.flat_map(|y| window.x.clone().map(move |x| (y, x))).enumerate() {
+                let index = y * whole.width + x;
+                assert!(block.samples(k).eq(whole.samples(index)));
+                assert_eq!(block.directions(k, 2), whole.directions(index, 2));
+            }
+        }
+    }
+
+    #[test]
     fn a_folder_that_is_no_store_is_refused() {
         let folder = tempfile::tempdir().unwrap();
         let error = SampledSbrdf::read_zarr(folder.path()).unwrap_err();
@@ -275,11 +418,28 @@ mod tests {
     }
 
     #[test]
+    fn a_block_without_any_sample_is_written_and_read() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("sampled.zarr");
+        let mut sampled = example();
+        let first_rows = 16 * 19 * 5 * 3;
+        sampled.reflectance[..first_rows].fill(f32::NAN);
+        sampled.write_zarr(&path).unwrap();
+        let read = SampledSbrdf::read_zarr(&path).unwrap();
+        assert!(read.reflectance[..first_rows].iter().all(|value| value.is_nan()));
+        assert_eq!(read.reflectance[first_rows..], sampled.reflectance[first_rows..]);
+    }
+
+    #[test]
     fn a_missing_chunk_is_refused_by_name() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("sampled.zarr");
         example().write_zarr(&path).unwrap();
+        let store = SampledStore::open(&path).unwrap();
         fs::remove_file(path.join("reflectance/c/1/0/0/0")).unwrap();
+        assert!(store.read(&Window { x: 0..16, y: 0..16 }).is_ok());
+        let lost = store.read(&Window { x: 0..16, y: 8..24 }).unwrap_err().to_string();
+        assert!(lost.contains("reflectance/c/1/0/0/0 is missing"), "{lost}");
         let text = SampledSbrdf::read_zarr(&path).unwrap_err().to_string();
         assert!(text.contains("reflectance/c/1/0/0/0"), "{text}");
     }

@@ -1,0 +1,53 @@
+//! `lobelia fit --chunks I/N` and `--merge`: fits in parts, for schedulers to drive.
+
+use std::path::Path;
+use std::time::Instant;
+
+use super::{FitArgs, FitOutcome, output, print, sampled_outcome, write_map};
+use crate::error::Result;
+use crate::fit::FitOptions;
+use crate::fit::chunks::{self, Part};
+use crate::sampled::SampledStore;
+
+/// Fits one part into a shard, unless it is there already.
+pub(super) fn fit(
+    store: &SampledStore,
+    options: &FitOptions,
+    part: Part,
+    output: &Path,
+) -> Result<FitOutcome> {
+    let mut outcome = FitOutcome::default();
+    outcome.figures.insert("part".into(), part.to_string().into());
+    if output.exists() {
+        chunks::is_done(output, store, options, part)?;
+        outcome.figures.insert("done_before".into(), true.into());
+        print(&format!(
+            "{}: shard {part} is there already, of these samples and options\n",
+            output.display()
+        ))?;
+        return Ok(outcome);
+    }
+    let start = Instant::now();
+    let shard = chunks::fit_part(store, options, part)?;
+    write_map(&shard, output)?;
+    let seconds = start.elapsed().as_secs_f64();
+    outcome.figures.insert("texels".into(), shard.width.into());
+    outcome.figures.insert("texels_per_second".into(), (shard.width as f64 / seconds.max(1e-9)).into());
+    print(&format!("{}: shard {part}, {} texels: {seconds:.1} s\n", output.display(), shard.width))?;
+    Ok(outcome)
+}
+
+/// Joins shards into a map.
+pub(super) fn merge(args: &FitArgs) -> Result<FitOutcome> {
+    let output = output(args)?;
+    let start = Instant::now();
+    let store = args.input.as_deref().map(SampledStore::open).transpose()?;
+    let map = chunks::merge(&args.merge, store.as_ref())?;
+    write_map(&map, output)?;
+    let mut outcome = sampled_outcome(&map, start.elapsed().as_secs_f64());
+    // Joining is no fit: its rate would mislead.
+    outcome.figures.remove("texels_per_second");
+    let (file, shards) = (output.display(), args.merge.len());
+    print(&format!("{file}: {} texels of {shards} shards\n{}", map.width * map.height, outcome.residuals()))?;
+    Ok(outcome)
+}
