@@ -5,7 +5,9 @@ use std::time::Instant;
 
 use super::Context;
 use crate::error::{Error, Result};
-use crate::render::{self, Method, reference};
+use crate::fit::figures::ErrorFigure;
+use crate::render::compare::{Errors, compare};
+use crate::render::{self, Method, Picture, PictureKind, Rendering, reference};
 use crate::report::Stage;
 use crate::scene::Scene;
 
@@ -20,15 +22,44 @@ pub(super) struct RenderArgs {
     /// How to render.
     #[arg(long, value_enum, default_value_t = Method::Auto)]
     pub(super) method: Method,
-    /// Samples a pixel of the reference.
-    #[arg(long, default_value_t = 64, value_parser = clap::value_parser!(u32).range(1..=1_048_576))]
-    pub(super) samples: u32,
+    /// Samples a pixel of the reference [default: 64, or as many as --seconds and --max-error need]
+    #[arg(long, value_parser = clap::value_parser!(u32).range(1..=1_048_576))]
+    pub(super) samples: Option<u32>,
+    /// Seconds that the reference may take at most
+    #[arg(long)]
+    pub(super) seconds: Option<f64>,
+    /// Relative RMSE, estimated from the pixels' variance, at which the reference stops: 0.01 is 1 %
+    #[arg(long, value_name = "E")]
+    pub(super) max_error: Option<f64>,
+    /// Reflections a path of the reference at most; 1 leaves interreflection out
+    #[arg(long, default_value_t = 64, value_parser = clap::value_parser!(u32).range(1..=1024))]
+    pub(super) bounces: u32,
+    /// Writes the variance of every pixel's mean, which the reference estimates
+    #[arg(long, value_name = "FILE.exr")]
+    pub(super) variance: Option<PathBuf>,
+    /// A reference picture of the same view: RMSE, relative RMSE and FLIP against it are told and reported
+    #[arg(long, value_name = "FILE.exr")]
+    pub(super) against: Option<PathBuf>,
     /// Pixels a row, instead of the scene's.
     #[arg(long)]
     pub(super) width: Option<u32>,
     /// Rows, instead of the scene's.
     #[arg(long)]
     pub(super) height: Option<u32>,
+}
+
+impl RenderArgs {
+    /// What the reference is to do.
+    fn settings(&self, seed: u64) -> reference::Settings {
+        let budget = self.seconds.is_some() || self.max_error.is_some();
+        reference::Settings {
+            samples: self.samples.unwrap_or(if budget { 1 << 20 } else { 64 }),
+            seconds: self.seconds,
+            max_error: self.max_error,
+            bounces: self.bounces,
+            seed,
+        }
+    }
 }
 
 /// What was done, for the report.
@@ -38,16 +69,12 @@ pub(super) struct RenderOutcome {
     pub(super) stages: Vec<(&'static str, f64)>,
     /// The method that made the picture; never [`Method::Auto`].
     pub(super) method: Method,
-    /// The GPU that drew it; `None` for the CPU.
-    pub(super) adapter: Option<String>,
     /// Why `auto` did not use the GPU.
     pub(super) note: Option<String>,
-    /// Size of the picture in pixels.
-    pub(super) size: (usize, usize),
-    /// Rays cast by the reference.
-    pub(super) rays: u64,
-    /// The files written.
-    pub(super) written: Vec<PathBuf>,
+    /// The picture and its cost.
+    pub(super) rendering: Rendering,
+    /// How far it is from the picture given.
+    pub(super) errors: Option<Errors>,
 }
 
 /// Runs `lobelia render`.
@@ -57,21 +84,44 @@ pub(super) fn run(args: &RenderArgs, context: &mut Context) -> Result<()> {
     if let Some(note) = &outcome.note {
         context.note(format!("rendered on the CPU: {note}"));
     }
+    let rendering = &outcome.rendering;
+    let (picture, cost) = (&rendering.picture, &rendering.cost);
     let stages = outcome.stages.iter().map(|&(name, seconds)| Stage { name: name.into(), seconds });
     context.report.stages.extend(stages);
-    context.report.machine.gpu = outcome.adapter.clone();
-    context.report.figure("pixels", vec![outcome.size.0, outcome.size.1]);
-    context.report.figure("rays", outcome.rays);
+    context.report.machine.gpu = rendering.adapter.clone();
+    context.report.figure("pixels", vec![picture.width, picture.height]);
+    context.report.figure("samples", cost.samples);
+    context.report.figure("rays", cost.rays);
+    context.report.figure("draws", cost.draws);
+    context.report.figure("render_memory_bytes", cost.memory_bytes);
     context.report.figure("method", format!("{:?}", outcome.method).to_lowercase());
-    let by = outcome.adapter.as_deref().unwrap_or("the CPU");
+    let estimated = rendering.estimated_error();
+    if let Some(estimated) = estimated {
+        let over = format!("{} pixels × 3 channels", picture.pixels.len());
+        context.report.errors.push(ErrorFigure::new("estimated_relative_rmse", estimated, "1", over));
+    }
+    let errors = outcome.errors.map_or_else(Vec::new, |errors| errors.figures());
+    context.report.errors.extend(errors.iter().cloned());
+
+    let by = rendering.adapter.as_deref().unwrap_or("the CPU");
     let seconds: f64 = outcome.stages.iter().map(|(_, seconds)| seconds).sum();
-    for path in &outcome.written {
+    let noise = estimated.map_or_else(String::new, |error| format!(", noise {:.2} %", 100.0 * error));
+    for path in &args.output {
         println!(
-            "{}: {} × {} pixels by {by}, {seconds:.1} s",
+            "{}: {} × {} pixels by {by}, {} samples a pixel{noise}, {seconds:.1} s",
             path.display(),
-            outcome.size.0,
-            outcome.size.1
+            picture.width,
+            picture.height,
+            cost.samples
         );
+    }
+    for figure in errors {
+        println!("{:>14}  {:.5} {} over {}", figure.name, figure.value, figure.unit, figure.over);
+    }
+    if let (Some(wanted), Some(reached)) = (args.max_error, estimated)
+        && reached > wanted
+    {
+        context.note(format!("--max-error {wanted} was not reached: {reached:.4}"));
     }
     Ok(())
 }
@@ -86,18 +136,34 @@ fn render_scene(args: &RenderArgs, seed: u64) -> Result<RenderOutcome> {
             return Err(Error::input(format!("{}: a picture's name ends in .exr or .png", path.display())));
         }
     }
+    if let Some(path) = &args.variance
+        && render::picture_kind(path) != Some(PictureKind::Exr)
+    {
+        return Err(Error::input(format!("{}: a variance image's name ends in .exr", path.display())));
+    }
     let start = Instant::now();
     let mut scene = Scene::read(&args.scene)?;
     scene.camera.width = args.width.unwrap_or(scene.camera.width);
     scene.camera.height = args.height.unwrap_or(scene.camera.height);
+    let against = args.against.as_deref().map(Picture::read_exr).transpose()?;
     let loaded = start.elapsed().as_secs_f64();
 
-    let settings = reference::Settings { samples: args.samples, seed };
-    let chosen = render::render(&scene, args.method, &settings)?;
+    let chosen = render::prepare(&scene, args.method, &args.settings(seed))?;
+    let rendering = chosen.prepared.view(&scene.camera)?;
+    let errors = against.map(|truth| compare(&rendering.picture, &truth)).transpose()?;
     let writing = Instant::now();
-    let rendering = chosen.rendering;
     for path in &args.output {
         rendering.picture.write(path, scene.exposure)?;
+    }
+    if let Some(path) = &args.variance {
+        let variance = rendering.variance.as_ref().ok_or_else(|| {
+            Error::input(format!(
+                "{}: there is no variance: use --method reference and 4 samples or more",
+                path.display()
+            ))
+        })?;
+        let pixels = variance.iter().map(|v| v.extend(1.0)).collect();
+        Picture { pixels, ..rendering.picture.clone() }.write(path, 1.0)?;
     }
     let stages = vec![
         ("load", loaded),
@@ -105,15 +171,7 @@ fn render_scene(args: &RenderArgs, seed: u64) -> Result<RenderOutcome> {
         ("render", rendering.cost.render_seconds),
         ("write", writing.elapsed().as_secs_f64()),
     ];
-    Ok(RenderOutcome {
-        stages,
-        method: chosen.method,
-        adapter: rendering.adapter,
-        note: chosen.note,
-        size: (rendering.picture.width, rendering.picture.height),
-        rays: rendering.cost.rays,
-        written: args.output.clone(),
-    })
+    Ok(RenderOutcome { stages, method: chosen.method, note: chosen.note, rendering, errors })
 }
 
 #[cfg(test)]
@@ -130,7 +188,12 @@ mod tests {
             scene,
             output: outputs.iter().map(|name| folder.join(name)).collect(),
             method,
-            samples: 4,
+            samples: Some(4),
+            seconds: None,
+            max_error: None,
+            bounces: 4,
+            variance: None,
+            against: None,
             width: Some(32),
             height: None,
         }
@@ -140,8 +203,10 @@ mod tests {
     fn both_kinds_of_picture_are_written_with_the_size_asked_for() {
         let folder = tempfile::tempdir().unwrap();
         let outcome = render_scene(&args(folder.path(), Method::Reference, &["a.exr", "a.png"]), 1).unwrap();
-        assert_eq!((outcome.size, outcome.method), ((32, 48), Method::Reference));
-        assert!(outcome.rays > 32 * 48 * 4);
+        let rendering = &outcome.rendering;
+        assert_eq!((rendering.picture.width, rendering.picture.height), (32, 48));
+        assert_eq!((outcome.method, rendering.cost.samples), (Method::Reference, 4));
+        assert!(rendering.cost.rays > 32 * 48 * 4 && rendering.cost.memory_bytes > 32 * 48 * 16);
         assert_eq!(image::image_dimensions(folder.path().join("a.png")).unwrap(), (32, 48));
         assert!(folder.path().join("a.exr").exists());
     }
@@ -150,8 +215,23 @@ mod tests {
     fn auto_makes_a_picture_with_a_gpu_or_without() {
         let folder = tempfile::tempdir().unwrap();
         let outcome = render_scene(&args(folder.path(), Method::Auto, &["a.png"]), 1).unwrap();
-        assert_eq!(outcome.adapter.is_some(), outcome.method == Method::Lights);
+        assert_eq!(outcome.rendering.adapter.is_some(), outcome.method == Method::Lights);
         assert_eq!(outcome.note.is_some(), outcome.method == Method::Reference);
+    }
+
+    #[test]
+    fn a_picture_compared_with_itself_has_no_error_and_variance_is_written() {
+        let folder = tempfile::tempdir().unwrap();
+        let mut args = args(folder.path(), Method::Reference, &["a.exr"]);
+        args.variance = Some(folder.path().join("v.exr"));
+        render_scene(&args, 1).unwrap();
+        args.against = Some(folder.path().join("a.exr"));
+        let errors = render_scene(&args, 1).unwrap().errors.unwrap();
+        assert_eq!((errors.rmse, errors.flip), (0.0, 0.0));
+        args.samples = Some(64);
+        assert!(render_scene(&args, 1).unwrap().errors.unwrap().rmse > 0.0);
+        let variance = Picture::read_exr(&folder.path().join("v.exr")).unwrap();
+        assert!(variance.pixels.iter().any(|v| v.x > 0.0));
     }
 
     #[test]

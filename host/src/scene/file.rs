@@ -123,6 +123,9 @@ struct LightFile {
     irradiance: Option<Rgb>,
     position: Option<Vec3>,
     intensity: Option<Rgb>,
+    centre: Option<Vec3>,
+    edges: Option<[Vec3; 2]>,
+    radiance: Option<Rgb>,
 }
 
 fn one() -> f32 {
@@ -246,19 +249,27 @@ fn material(entry: &MaterialFile, folder: &Path) -> Result<Material> {
 /// A light of a known kind with the keys of that kind and no others.
 fn light(entry: &LightFile) -> Result<Light> {
     let wrong = |needs: &str| Error::input(format!("a {} light has the keys {needs}, no others", entry.kind));
-    match (entry.kind.as_str(), entry.toward, entry.irradiance, entry.position, entry.intensity) {
-        ("directional", Some(toward), Some(irradiance), None, None) => {
+    let vectors = (entry.toward, entry.position, entry.centre, entry.edges);
+    let powers = (entry.irradiance, entry.intensity, entry.radiance);
+    match (entry.kind.as_str(), vectors, powers) {
+        ("directional", (Some(toward), None, None, None), (Some(irradiance), None, None)) => {
             let toward = toward
                 .try_normalize()
                 .ok_or_else(|| Error::input("key toward: the direction has no length"))?;
             Ok(Light::Directional { toward, irradiance })
         }
-        ("point", None, None, Some(position), Some(intensity)) => Ok(Light::Point { position, intensity }),
+        ("point", (None, Some(position), None, None), (None, Some(intensity), None)) => {
+            Ok(Light::Point { position, intensity })
+        }
+        ("rectangle", (None, None, Some(centre), Some(edges)), (None, None, Some(radiance))) => {
+            Ok(Light::Rectangle { centre, edges, radiance })
+        }
         ("directional", ..) => Err(wrong("toward and irradiance")),
         ("point", ..) => Err(wrong("position and intensity")),
+        ("rectangle", ..) => Err(wrong("centre, edges and radiance")),
         (other, ..) => Err(Error::input(format!(
             "key kind: there is no light \"{other}\"; use one of {}",
-            either(&["directional", "point"])
+            either(&["directional", "point", "rectangle"])
         ))),
     }
 }
@@ -326,10 +337,12 @@ mod tests {
             [[object]]\nmesh = \"plane\"\n[object.material]\nalbedo = [0.5, 0.5, 0.5]\n\
             lobes = [{{ rho_s = [0.1, 0.1, 0.1], c = [-1, -1, 1], n = 20 }}]\n\
             [[light]]\nkind = \"directional\"\ntoward = [0, 2, 0]\nirradiance = [1, 1, 1]\n\
-            [[light]]\nkind = \"point\"\nposition = [0, 2, 0]\nintensity = [1, 1, 1]\n"
+            [[light]]\nkind = \"point\"\nposition = [0, 2, 0]\nintensity = [1, 1, 1]\n\
+            [[light]]\nkind = \"rectangle\"\ncentre = [0, 2, 0]\nedges = [[1, 0, 0], [0, 0, 1]]\n\
+            radiance = [1, 1, 1]\n"
         ))
         .unwrap();
-        assert_eq!((scene.objects.len(), scene.lights.len()), (2, 2));
+        assert_eq!((scene.objects.len(), scene.lights.len()), (2, 3));
         assert_eq!(scene.background, Background::Colour(Rgb::ONE));
         assert_eq!(scene.lights[0], Light::Directional { toward: Vec3::Y, irradiance: Rgb::ONE });
         assert_eq!(scene.objects[0].transform.transform_point3(Vec3::X), Vec3::new(3.0, 0.0, 0.0));
@@ -345,6 +358,10 @@ mod tests {
             ("[[object]]\nmesh = \"plane\"\nmaterial.published = \"silk\"\n", vec!["silk", "brushed-metal"]),
             ("[[light]]\nkind = \"spot\"\n", vec!["light 0", "spot", "directional"]),
             ("[[light]]\nkind = \"point\"\ntoward = [0, 1, 0]\n", vec!["light 0", "position and intensity"]),
+            (
+                "[[light]]\nkind = \"rectangle\"\ncentre = [0, 1, 0]\nedges = [[1, 0, 0], [1, 1, 0]]\nradiance = [1, 1, 1]\n",
+                vec!["light 0", "perpendicular"],
+            ),
             ("[environment]\nbuiltin = \"cave\"\n", vec!["environment", "cave", "sky"]),
             ("[environment]\nrotation = 3\n", vec!["line 8", "unknown key `rotation`", "`rotation_deg`"]),
             (

@@ -71,6 +71,15 @@ impl<'a> Sampled<'a> {
         })
     }
 
+    /// Bytes held, the environment's own pixels included.
+    pub(crate) fn bytes(&self) -> usize {
+        size_of_val(&self.environment.pixels[..])
+            + size_of_val(&self.rows[..])
+            + size_of_val(&self.columns[..])
+            + size_of_val(&self.density[..])
+            + size_of_val(&self.edges[..])
+    }
+
     /// Texture coordinates of a world direction.
     fn texture(&self, world: Vec3) -> Vec2 {
         let (x, z) = (self.cos * world.x - self.sin * world.z, self.sin * world.x + self.cos * world.z);

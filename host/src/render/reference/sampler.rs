@@ -5,6 +5,7 @@
 pub(crate) struct Sequence {
     second: Vec<u32>,
     mask: u32,
+    samples: u32,
 }
 
 impl Sequence {
@@ -23,7 +24,12 @@ impl Sequence {
             }
             value
         });
-        Self { second: second.collect(), mask: length - 1 }
+        Self { second: second.collect(), mask: length - 1, samples }
+    }
+
+    /// Points a pixel.
+    pub(crate) fn len(&self) -> u32 {
+        self.samples
     }
 
     /// Point `index` of the pixel's sequence for one purpose, both coordinates in 0..1.
