@@ -2,6 +2,7 @@
 
 mod firmware;
 mod packages;
+mod peers;
 
 use std::process::{Command, ExitCode};
 use std::time::Instant;
@@ -15,6 +16,8 @@ const HELP: &str = "cargo xtask TASK
   firmware [--board lm3s6965|stm32f405] [--update] [--rates]
           builds the boards' programs with clippy, prints and checks their sizes (--update renews the snapshot);
           --rates counts the instructions of a step
+  peers [render]
+          Lobelia beside independent implementations from PyPI (python3 and LLVM's shared library are needed)
   flash   writes the stm32f405's program by probe-rs
   help    this text
 
@@ -28,6 +31,7 @@ fn main() -> ExitCode {
         Some("test") => test(),
         Some("long") => long(),
         Some("firmware") => firmware::task(std::env::args().skip(2)),
+        Some("peers") => peers::task(std::env::args().skip(2)),
         Some("flash") => firmware::flash(),
         Some("help" | "--help" | "-h") | None => {
             println!("{HELP}");
