@@ -1,22 +1,23 @@
 //! `lobelia render`: a picture of a scene file.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use super::Context;
 use crate::error::{Error, Result};
 use crate::fit::figures::ErrorFigure;
 use crate::render::compare::{Errors, compare};
-use crate::render::{self, Method, Picture, PictureKind, Rendering, reference};
+use crate::render::{self, Cost, Method, Picture, PictureKind, Rendering, reference};
 use crate::report::Stage;
-use crate::scene::Scene;
+use crate::scene::{Camera, Scene};
 
 /// Render a scene of SBRDF materials.
 #[derive(Debug, clap::Args)]
 pub(super) struct RenderArgs {
-    /// The scene (TOML).
+    /// The scene: a .toml file, or one that is shipped: studio-ball, sky-drape, lamps, window, metal-row
     pub(super) scene: PathBuf,
-    /// Where the picture goes: .exr is linear, .png is tone-mapped. May be given more than once.
+    /// Where the picture goes: .exr is linear, .png is tone-mapped. May be given more than once. A name with # (frame-##.png)
+    /// takes every frame of the scene's animation
     #[arg(short, long = "output", required = true)]
     pub(super) output: Vec<PathBuf>,
     /// How to render.
@@ -71,15 +72,19 @@ pub(super) struct RenderOutcome {
     pub(super) method: Method,
     /// Why `auto` did not use the GPU.
     pub(super) note: Option<String>,
-    /// The picture and its cost.
+    /// The picture, the last of an animation, and the cost of all.
     pub(super) rendering: Rendering,
     /// How far it is from the picture given.
     pub(super) errors: Option<Errors>,
+    /// The files written.
+    pub(super) written: Vec<PathBuf>,
 }
 
 /// Runs `lobelia render`.
 pub(super) fn run(args: &RenderArgs, context: &mut Context) -> Result<()> {
-    context.report.input(&args.scene);
+    if args.scene.exists() {
+        context.report.input(&args.scene);
+    }
     let outcome = render_scene(args, context.seed)?;
     if let Some(note) = &outcome.note {
         context.note(format!("rendered on the CPU: {note}"));
@@ -106,15 +111,15 @@ pub(super) fn run(args: &RenderArgs, context: &mut Context) -> Result<()> {
     let by = rendering.adapter.as_deref().unwrap_or("the CPU");
     let seconds: f64 = outcome.stages.iter().map(|(_, seconds)| seconds).sum();
     let noise = estimated.map_or_else(String::new, |error| format!(", noise {:.2} %", 100.0 * error));
-    for path in &args.output {
-        println!(
-            "{}: {} × {} pixels by {by}, {} samples a pixel{noise}, {seconds:.1} s",
-            path.display(),
-            picture.width,
-            picture.height,
-            cost.samples
-        );
-    }
+    let last = outcome.written.last().map_or_else(String::new, |path| path.display().to_string());
+    let more = match outcome.written.len() {
+        1 => String::new(),
+        count => format!(" and {} more", count - 1),
+    };
+    println!(
+        "{last}{more}: {} × {} pixels by {by}, {} samples a pixel{noise}, {seconds:.1} s",
+        picture.width, picture.height, cost.samples
+    );
     for figure in errors {
         println!("{:>14}  {:.5} {} over {}", figure.name, figure.value, figure.unit, figure.over);
     }
@@ -142,36 +147,85 @@ fn render_scene(args: &RenderArgs, seed: u64) -> Result<RenderOutcome> {
         return Err(Error::input(format!("{}: a variance image's name ends in .exr", path.display())));
     }
     let start = Instant::now();
-    let mut scene = Scene::read(&args.scene)?;
-    scene.camera.width = args.width.unwrap_or(scene.camera.width);
-    scene.camera.height = args.height.unwrap_or(scene.camera.height);
+    let mut scene = Scene::open(&args.scene)?;
+    let keys = scene.animation.iter_mut().flat_map(|animation| &mut animation.keys);
+    for camera in std::iter::once(&mut scene.camera).chain(keys) {
+        camera.width = args.width.unwrap_or(camera.width);
+        camera.height = args.height.unwrap_or(camera.height);
+    }
+    let views = views(&scene, args)?;
     let against = args.against.as_deref().map(Picture::read_exr).transpose()?;
     let loaded = start.elapsed().as_secs_f64();
 
     let chosen = render::prepare(&scene, args.method, &args.settings(seed))?;
-    let rendering = chosen.prepared.view(&scene.camera)?;
+    let mut outcome = None;
+    let (mut cost, mut write_seconds) = (Cost::default(), 0.0);
+    for (camera, paths) in &views {
+        let rendering = chosen.prepared.view(camera)?;
+        cost = cost.and(&rendering.cost);
+        let writing = Instant::now();
+        for path in paths {
+            rendering.picture.write(path, scene.exposure)?;
+        }
+        if let Some(path) = &args.variance {
+            write_variance(&rendering, path)?;
+        }
+        write_seconds += writing.elapsed().as_secs_f64();
+        outcome = Some(rendering);
+    }
+    let rendering = Rendering { cost, ..outcome.ok_or_else(|| Error::input("the animation has no frames"))? };
     let errors = against.map(|truth| compare(&rendering.picture, &truth)).transpose()?;
-    let writing = Instant::now();
-    for path in &args.output {
-        rendering.picture.write(path, scene.exposure)?;
-    }
-    if let Some(path) = &args.variance {
-        let variance = rendering.variance.as_ref().ok_or_else(|| {
-            Error::input(format!(
-                "{}: there is no variance: use --method reference and 4 samples or more",
-                path.display()
-            ))
-        })?;
-        let pixels = variance.iter().map(|v| v.extend(1.0)).collect();
-        Picture { pixels, ..rendering.picture.clone() }.write(path, 1.0)?;
-    }
     let stages = vec![
         ("load", loaded),
-        ("prepare", rendering.cost.prepare_seconds),
-        ("render", rendering.cost.render_seconds),
-        ("write", writing.elapsed().as_secs_f64()),
+        ("prepare", cost.prepare_seconds),
+        ("render", cost.render_seconds),
+        ("write", write_seconds),
     ];
-    Ok(RenderOutcome { stages, method: chosen.method, note: chosen.note, rendering, errors })
+    let written = views.into_iter().flat_map(|(_, paths)| paths).collect();
+    Ok(RenderOutcome { stages, method: chosen.method, note: chosen.note, rendering, errors, written })
+}
+
+/// The views to render, each with its pictures: the camera's, or those of the animation when names have a `#`.
+///
+/// # Errors
+/// Input errors for names with `#` beside others, or without an animation.
+fn views(scene: &Scene, args: &RenderArgs) -> Result<Vec<(Camera, Vec<PathBuf>)>> {
+    let numbered = |path: &PathBuf| path.to_string_lossy().contains('#');
+    let count = args.output.iter().filter(|path| numbered(path)).count();
+    if count == 0 {
+        return Ok(vec![(scene.camera, args.output.clone())]);
+    }
+    let Some(animation) = &scene.animation else {
+        return Err(Error::input("a picture's name has a #, but the scene has no animation"));
+    };
+    if count < args.output.len() || args.variance.is_some() || args.against.is_some() {
+        return Err(Error::input(
+            "an animation goes with names that all have a #, and with neither --variance nor --against",
+        ));
+    }
+    let name = |path: &PathBuf, frame: u32| {
+        let text = path.to_string_lossy();
+        let digits = text.matches('#').count();
+        let start = text.find('#').unwrap_or_default();
+        let number = format!("{frame:0digits$}");
+        PathBuf::from(format!("{}{number}{}", &text[..start], text[start..].trim_start_matches('#')))
+    };
+    let frame = |frame| {
+        let paths = args.output.iter().map(|path| name(path, frame)).collect();
+        (animation.view(frame), paths)
+    };
+    Ok((0..animation.frames).map(frame).collect())
+}
+
+/// Writes the variance of every pixel's mean.
+fn write_variance(rendering: &Rendering, path: &Path) -> Result<()> {
+    let variance = rendering.variance.as_ref().ok_or_else(|| {
+        let place = path.display();
+        Error::input(format!("{place}: there is no variance: use --method reference and 4 samples or more"))
+    })?;
+    let Picture { width, height, .. } = rendering.picture;
+    let pixels = variance.iter().map(|v| v.extend(1.0)).collect();
+    Picture { width, height, pixels }.write(path, 1.0)
 }
 
 #[cfg(test)]
@@ -232,6 +286,19 @@ mod tests {
         assert!(render_scene(&args, 1).unwrap().errors.unwrap().rmse > 0.0);
         let variance = Picture::read_exr(&folder.path().join("v.exr")).unwrap();
         assert!(variance.pixels.iter().any(|v| v.x > 0.0));
+    }
+
+    #[test]
+    fn an_animation_writes_a_numbered_picture_a_frame() {
+        let folder = tempfile::tempdir().unwrap();
+        let mut args = args(folder.path(), Method::Reference, &["f-##.png"]);
+        args.samples = Some(1);
+        assert!(render_scene(&args, 1).unwrap_err().to_string().contains("no animation"));
+        args.scene = "studio-ball".into();
+        (args.width, args.height) = (Some(8), Some(6));
+        let outcome = render_scene(&args, 1).unwrap();
+        assert_eq!((outcome.written.len(), outcome.rendering.picture.height), (24, 6));
+        assert!(folder.path().join("f-00.png").exists() && folder.path().join("f-23.png").exists());
     }
 
     #[test]

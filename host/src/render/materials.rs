@@ -227,7 +227,9 @@ pub(crate) struct Aimed {
 
 /// A texel's BRDF for a fixed exitant direction, ready for many incident ones.
 pub(crate) struct Shader {
-    rho_d: Rgb,
+    /// Diffuse reflectance, sr⁻¹.
+    pub(crate) rho_d: Rgb,
+    /// The lobes that reach the viewer.
     pub(crate) lobes: Vec<Aimed>,
     /// Probability of the cosine-weighted sampling of the diffuse term.
     pub(crate) diffuse_share: f32,

@@ -4,9 +4,11 @@
 //! | method | light | where |
 //! |---|---|---|
 //! | `reference` | all lights, environment, shadows, interreflection | CPU |
+//! | `environment` | environment by prefiltered maps (6.13)–(6.18), lights as in `lights`; no shadows | CPU |
 //! | `lights` | point, directional, rectangular as points (6.9); no shadows | GPU |
 
 pub mod compare;
+pub mod environment;
 mod flip;
 mod geometry;
 pub mod gpu;
@@ -15,6 +17,7 @@ pub mod lights;
 mod materials;
 mod math;
 pub mod reference;
+mod sampler;
 mod shading;
 
 use glam::Vec3;
@@ -55,7 +58,7 @@ pub trait Prepared {
 pub struct Rendering {
     /// Linear radiance and coverage.
     pub picture: Picture,
-    /// Variance of every pixel's mean, where the method estimates it.
+    /// Variance of every pixel's mean, an upper estimate, where the method has one.
     pub variance: Option<Vec<Vec3>>,
     /// What it took.
     pub cost: Cost,
@@ -88,6 +91,21 @@ pub struct Cost {
     pub draws: u32,
 }
 
+impl Cost {
+    /// The cost of this and another view of the same scene made ready.
+    #[must_use]
+    pub fn and(&self, view: &Self) -> Self {
+        Self {
+            prepare_seconds: view.prepare_seconds,
+            render_seconds: self.render_seconds + view.render_seconds,
+            memory_bytes: self.memory_bytes.max(view.memory_bytes),
+            samples: view.samples,
+            rays: self.rays + view.rays,
+            draws: self.draws + view.draws,
+        }
+    }
+}
+
 /// The methods by their names on the command line.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
 pub enum Method {
@@ -97,6 +115,8 @@ pub enum Method {
     Reference,
     /// Raster on the GPU.
     Lights,
+    /// Prefiltered environment maps on the CPU.
+    Environment,
 }
 
 /// A scene made ready, the method that did, and why another was passed over.
@@ -118,6 +138,10 @@ pub fn prepare<'a>(scene: &'a Scene, method: Method, settings: &reference::Setti
     let lights = || lights::Settings::default().prepare(scene);
     match method {
         Method::Reference => reference(None),
+        Method::Environment => {
+            let settings = environment::Settings { seed: settings.seed, ..Default::default() };
+            Ok(Chosen { prepared: settings.prepare(scene)?, method, note: None })
+        }
         Method::Lights => Ok(Chosen { prepared: lights()?, method, note: None }),
         Method::Auto if scene.environment.is_some() => {
             reference(Some("the scene has an environment, which `lights` does not render".into()))

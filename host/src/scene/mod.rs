@@ -2,6 +2,7 @@
 //!
 //! World axes are right-handed with +y up, as in glTF. Lengths are in any one unit; lights and meshes share it.
 
+pub mod animation;
 pub mod environment;
 mod environment_file;
 pub mod file;
@@ -9,6 +10,7 @@ mod frame;
 mod import;
 pub mod mesh;
 pub mod shapes;
+pub mod shipped;
 pub mod showcase;
 mod winding;
 
@@ -16,6 +18,7 @@ use std::sync::Arc;
 
 use glam::{Affine3A, Vec2, Vec3};
 
+pub use animation::Animation;
 pub use environment::Environment;
 pub use mesh::{Mesh, Vertex};
 
@@ -35,6 +38,8 @@ pub struct Scene {
     pub background: Background,
     /// The view.
     pub camera: Camera,
+    /// A path of the camera.
+    pub animation: Option<Animation>,
     /// Factor on radiance before a picture is tone-mapped; linear outputs ignore it.
     pub exposure: f32,
 }
@@ -254,6 +259,14 @@ impl Scene {
     /// Input errors that name the object, the light or the camera's key.
     pub fn check(&self) -> Result<()> {
         self.camera.check()?;
+        if let Some(animation) = &self.animation {
+            if animation.keys.len() < 2 || animation.frames == 0 {
+                return Err(Error::input("animation: there must be two keys and one frame at least"));
+            }
+            for (index, key) in animation.keys.iter().enumerate() {
+                key.check().map_err(|error| error.at(format!("animation: key {index}")))?;
+            }
+        }
         if !(self.exposure.is_finite() && self.exposure > 0.0) {
             return Err(Error::input(format!("exposure is {}; use a positive number", self.exposure)));
         }

@@ -19,7 +19,7 @@ use crate::error::{Error, Result};
 use crate::scene::{Camera, Mesh, Scene};
 
 /// Points along a rectangular light's edges that stand for it.
-const POINTS_ACROSS: u32 = 4;
+pub(super) const POINTS_ACROSS: u32 = 4;
 
 /// How to draw.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

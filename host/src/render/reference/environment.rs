@@ -187,11 +187,10 @@ mod tests {
     fn samples_carry_the_density_and_the_radiance_of_their_direction() {
         let environment = uneven();
         let sampled = Sampled::new(&environment).unwrap();
-        let sequence = super::super::sampler::Sequence::new(4096);
         let mut agreeing = 0;
         let mut mean = 0.0f64;
         for index in 0..4096 {
-            let sample = sampled.sample(sequence.point(5, index, 0));
+            let sample = sampled.sample(crate::render::sampler::point(5, index, 0));
             let looked_up = sampled.arriving(sample.direction);
             assert!((sample.direction.length() - 1.0).abs() < 1e-5);
             let radiance_agrees =

@@ -4,7 +4,6 @@
 mod environment;
 mod lobes;
 mod rectangle;
-mod sampler;
 #[cfg(test)]
 mod sampling_tests;
 #[cfg(test)]
@@ -18,12 +17,12 @@ use rayon::prelude::*;
 
 use super::image::Picture;
 use super::materials::Shader;
+use super::sampler::hash;
 use super::shading::Rays;
 use super::{Cost, Prepared, Renderer, Rendering, compare};
 use crate::error::{Error, Result};
 use crate::progress;
 use crate::scene::{Camera, Scene};
-use sampler::{Sequence, hash};
 use trace::{Numbers, Tracer};
 
 /// Passes before a budget of time or error is looked at: variance needs more than one.
@@ -38,7 +37,7 @@ pub struct Settings {
     pub samples: u32,
     /// Seconds for a view at most. The picture then depends on the machine through the number of passes only.
     pub seconds: Option<f64>,
-    /// Relative RMSE of the picture (as [`compare::Errors`] has it), estimated from its variance, to stop at.
+    /// Relative RMSE of the picture (as [`compare::Errors`] has it) to stop at; the upper estimate by its variance is used.
     pub max_error: Option<f64>,
     /// Reflections a path at most; 1 leaves interreflection out.
     pub bounces: u32,
@@ -53,7 +52,7 @@ impl Default for Settings {
 }
 
 impl Settings {
-    /// Samples a pixel of one pass. Passes are independent, so that their spread gives the variance.
+    /// Samples a pixel of one pass. The spread of the passes gives the variance.
     fn pass(&self) -> u32 {
         if self.seconds.is_some() || self.max_error.is_some() {
             return BUDGET_PASS.min(self.samples);
@@ -108,7 +107,8 @@ impl Prepared for Ready<'_> {
         let pass = settings.pass();
         let passes = settings.samples.div_ceil(pass);
         let (width, height) = (camera.width as usize, camera.height as usize);
-        let view = View { tracer: &self.tracer, rays: Rays::new(camera), sequence: Sequence::new(pass) };
+        let seed = hash(settings.seed as u32 ^ hash((settings.seed >> 32) as u32 ^ 0x5bd1_e995));
+        let view = View { tracer: &self.tracer, rays: Rays::new(camera), seed, width, pass };
 
         let mut pixels = vec![Pixel::default(); width * height];
         let mut cost = Cost { prepare_seconds: self.prepare_seconds, ..Cost::default() };
@@ -119,9 +119,8 @@ impl Prepared for Ready<'_> {
         let mut done = 0;
         while done < passes {
             let before = start.elapsed();
-            let seed = hash(settings.seed as u32 ^ hash((settings.seed >> 32) as u32 ^ hash(done)));
             done += 1;
-            cost.rays += view.pass(&mut pixels, width, seed, done, |rows| {
+            cost.rays += view.add(&mut pixels, done, |rows| {
                 if settings.seconds.is_none() {
                     bar.advance(rows);
                 }
@@ -155,7 +154,8 @@ impl Ready<'_> {
     }
 }
 
-/// Variance of every pixel's mean over `passes` independent passes.
+/// Variance of every pixel's mean as if the passes were independent. They are parts of one stratified sequence, which does
+/// better: this is an upper estimate.
 fn variance(pixels: &[Pixel], passes: u32) -> Vec<Vec3> {
     let degrees = (passes * (passes - 1)) as f32;
     pixels.iter().map(|pixel| pixel.spread / degrees).collect()
@@ -165,49 +165,40 @@ fn variance(pixels: &[Pixel], passes: u32) -> Vec<Vec3> {
 struct View<'a> {
     tracer: &'a Tracer<'a>,
     rays: Rays,
-    sequence: Sequence,
+    seed: u32,
+    /// Pixels a row.
+    width: usize,
+    /// Samples a pixel and pass.
+    pass: u32,
 }
 
 impl View<'_> {
-    /// Adds one pass, the `count`-th, to all pixels; returns the number of rays.
-    fn pass(
-        &self,
-        pixels: &mut [Pixel],
-        width: usize,
-        seed: u32,
-        count: u32,
-        advance: impl Fn(u64) + Sync,
-    ) -> u64 {
-        let rows = pixels.par_chunks_mut(width).enumerate();
-        rows.map_init(Shader::new, |shader, (y, row)| {
+    /// Adds a pass, the `count`-th, to all pixels; returns the number of rays.
+    fn add(&self, pixels: &mut [Pixel], count: u32, advance: impl Fn(u64) + Sync) -> u64 {
+        let add_row = |shader: &mut Shader, (y, row): (usize, &mut [Pixel])| {
             let mut rays = 0;
             for (x, pixel) in row.iter_mut().enumerate() {
-                let fresh = self.pixel(
-                    x as u32,
-                    y as u32,
-                    hash(seed ^ hash((y * width + x) as u32)),
-                    shader,
-                    &mut rays,
-                );
+                let fresh = self.mean(x, y, (count - 1) * self.pass, shader, &mut rays);
                 let difference = fresh - pixel.mean;
                 pixel.mean += difference / count as f32;
                 pixel.spread += (difference * (fresh - pixel.mean)).truncate();
             }
             advance(1);
             rays
-        })
-        .sum()
+        };
+        pixels.par_chunks_mut(self.width).enumerate().map_init(Shader::new, add_row).sum()
     }
 
-    /// Mean radiance and coverage of one pass's samples.
-    fn pixel(&self, x: u32, y: u32, pixel: u32, shader: &mut Shader, rays: &mut u64) -> Vec4 {
+    /// Mean radiance and coverage of one pass's samples of a pixel.
+    fn mean(&self, x: usize, y: usize, first: u32, shader: &mut Shader, rays: &mut u64) -> Vec4 {
+        let pixel = hash(self.seed ^ hash((y * self.width + x) as u32));
         let mut sum = Vec4::ZERO;
-        for index in 0..self.sequence.len() {
-            let numbers = Numbers { sequence: &self.sequence, pixel, index };
+        for index in first..first + self.pass {
+            let numbers = Numbers { pixel, index };
             let [dx, dy] = numbers.pixel();
             let direction = self.rays.direction(x as f32 + dx, y as f32 + dy);
             sum += self.tracer.path(&numbers, (self.rays.origin, direction), shader, rays);
         }
-        sum / self.sequence.len() as f32
+        sum / self.pass as f32
     }
 }

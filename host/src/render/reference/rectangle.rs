@@ -63,8 +63,8 @@ impl Seen {
         let f = (turn.cos() * self.b0 - self.b1) / turn.sin();
         let c = (f.signum() / (f * f + self.b0 * self.b0).sqrt()).clamp(-1.0, 1.0);
         let x = (c * depth / (1.0 - c * c).max(1e-30).sqrt()).clamp(self.low.x, self.high.x);
-        let distance = x.hypot(depth);
-        let sine = |y: f64| y / distance.hypot(y);
+        let distance = (x * x + depth * depth).sqrt();
+        let sine = |y: f64| y / (distance * distance + y * y).sqrt();
         let (h0, h1) = (sine(self.low.y), sine(self.high.y));
         let h = h0 + f64::from(s) * (h1 - h0);
         let y = (h * distance / (1.0 - h * h).max(1e-30).sqrt()).clamp(self.low.y, self.high.y);

@@ -6,10 +6,10 @@ use std::f32::consts::{PI, TAU};
 use glam::Vec3;
 
 use super::environment::Sampled;
-use super::sampler::hash;
 use super::{lobes, rectangle};
 use crate::reflectance::{Lobe, LobeBrdf, Rgb, materials};
 use crate::render::materials::{Materials, Shader};
+use crate::render::sampler::hash;
 use crate::scene::{Environment, Material, showcase};
 
 const SAMPLES: u32 = 100_000;

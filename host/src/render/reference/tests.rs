@@ -22,6 +22,7 @@ fn scene(mesh: Mesh, brdf: LobeBrdf, position: Vec3) -> Scene {
         environment: None,
         background: Background::Colour(Rgb::ZERO),
         camera: Camera { position, target: Vec3::ZERO, up: Vec3::X, fov: 0.02, width: 5, height: 5 },
+        animation: None,
         exposure: 1.0,
     }
 }
@@ -254,7 +255,7 @@ fn triangles_of_either_winding_give_the_same_picture() {
 }
 
 #[test]
-fn the_variance_tells_the_error_and_max_error_is_met() {
+fn the_variance_bounds_the_error_and_max_error_is_met() {
     let scene = crate::scene::showcase::published(24, 18);
     let settings = Settings { max_error: Some(0.06), samples: 4096, ..Settings::default() };
     let rendering = settings.render(&scene, &scene.camera).unwrap();
@@ -263,7 +264,7 @@ fn the_variance_tells_the_error_and_max_error_is_met() {
     let truth =
         Settings { samples: 512, seed: 99, ..Settings::default() }.render(&scene, &scene.camera).unwrap();
     let actual = compare::compare(&rendering.picture, &truth.picture).unwrap().relative_rmse;
-    assert!(actual > estimated / 1.5 && actual < estimated * 1.5, "{actual} {estimated}");
+    assert!(actual > estimated / 3.0 && actual < estimated * 1.2, "{actual} {estimated}");
 }
 
 #[test]

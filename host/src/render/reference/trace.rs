@@ -6,10 +6,10 @@ use glam::{Vec3, Vec4};
 use super::environment::{Arriving, Sampled};
 use super::lobes;
 use super::rectangle;
-use super::sampler::Sequence;
 use crate::reflectance::Rgb;
 use crate::render::geometry::{Geometry, Surface};
 use crate::render::materials::{Materials, Shader};
+use crate::render::sampler;
 use crate::render::shading::{self, Lamp};
 use crate::scene::{Light, Scene};
 
@@ -28,20 +28,19 @@ mod purpose {
 }
 
 /// The numbers of one path.
-pub(super) struct Numbers<'a> {
-    pub(super) sequence: &'a Sequence,
+pub(super) struct Numbers {
     pub(super) pixel: u32,
     pub(super) index: u32,
 }
 
-impl Numbers<'_> {
+impl Numbers {
     /// Where in the pixel the path starts.
     pub(super) fn pixel(&self) -> [f32; 2] {
-        self.sequence.point(self.pixel, self.index, 0)
+        sampler::point(self.pixel, self.index, 0)
     }
 
     fn at(&self, bounce: u32, purpose: u32) -> [f32; 2] {
-        self.sequence.point(self.pixel, self.index, 1 + bounce * purpose::COUNT + purpose)
+        sampler::point(self.pixel, self.index, 1 + bounce * purpose::COUNT + purpose)
     }
 }
 
@@ -94,7 +93,7 @@ impl<'a> Tracer<'a> {
     /// Radiance along a camera ray, and 1 where it meets an object.
     pub(super) fn path(
         &self,
-        numbers: &Numbers<'_>,
+        numbers: &Numbers,
         (mut origin, mut direction): (Vec3, Vec3),
         shader: &mut Shader,
         rays: &mut u64,
@@ -172,7 +171,7 @@ impl<'a> Tracer<'a> {
     /// Radiance of all emitters that a surface reflects once toward the viewer, by samples of the emitters.
     fn direct(
         &self,
-        numbers: &Numbers<'_>,
+        numbers: &Numbers,
         bounce: u32,
         surface: &Surface,
         shader: &Shader,
