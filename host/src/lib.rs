@@ -5,7 +5,9 @@
 //! `rig` ← `plan` ← `acquire` ← `develop` ← `fit` ← `render` ← `cli`.
 
 pub mod acquire;
+pub mod chart;
 pub mod cli;
+pub mod compare;
 #[cfg(feature = "sim")]
 pub mod demo;
 pub mod develop;
@@ -13,6 +15,7 @@ pub mod error;
 pub mod files;
 pub mod fit;
 pub mod linalg;
+mod page;
 pub mod plan;
 pub mod progress;
 pub mod render;

@@ -161,6 +161,43 @@ fn a_measured_table_on_the_carrier_comes_back_as_its_interpolation_to_three_perc
 }
 
 #[test]
+fn renderings_of_the_true_map_are_the_photographs_and_those_of_another_map_are_not() {
+    let folder = tempfile::tempdir().unwrap();
+    let recipe = small::recipe(
+        "[pattern]\nkind = \"checks\"\nsize_mm = 64\n[[material]]\nrho_d = [0.12, 0.08, 0.05]\n\
+         lobe = [{ rho_s = [0.3, 0.3, 0.3], c = [-1, -1, 0.98], n = 20 }]\n",
+    );
+    let brdf = |rho_d: f32| LobeBrdf {
+        rho_d: glam::Vec3::new(rho_d, 0.08, 0.05),
+        lobes: vec![lobelia::reflectance::Lobe {
+            rho_s: glam::Vec3::splat(0.3),
+            c: glam::Vec3::new(-1.0, -1.0, 0.98),
+            n: 20.0,
+        }],
+        ..LobeBrdf::default()
+    };
+    let rig = small::rig(16);
+    let run = folder.path().join("run");
+    small::acquire(&run, &small::plan(&rig, 6), &rig, recipe.layout(folder.path(), &rig.carrier).unwrap());
+
+    let compared = |name: &str, rho_d: f32| {
+        let map = SbrdfMap::from_texels(16, 16, &vec![brdf(rho_d); 256]);
+        map.write_exr(&folder.path().join(name)).unwrap();
+        succeed(folder.path(), &["compare", "run", name, "-o", "pages", "--report", "compare.json"]);
+        let report = report(&folder.path().join("compare.json"));
+        ["relative_rms_radiance", "psnr", "mean_delta_e_2000"].map(|error| error_value(&report, error, &[]))
+    };
+    let [relative, psnr, delta_e] = compared("true.exr", 0.12);
+    println!("true map: relative RMS {:.2} %, PSNR {psnr:.1} dB, mean ΔE {delta_e:.2}", 100.0 * relative);
+    assert!(relative < 0.02 && psnr > 38.0 && delta_e < 1.0, "{relative} {psnr} {delta_e}");
+    let [_, psnr, delta_e] = compared("other.exr", 0.18);
+    assert!(psnr < 32.0 && delta_e > 3.0, "{psnr} {delta_e}");
+
+    let page = fs::read_to_string(folder.path().join("pages/compare.html")).unwrap();
+    assert_eq!(page.matches("data:image/png").count(), 9);
+}
+
+#[test]
 fn both_thread_directions_of_a_weave_come_back_with_their_own_reflectance() {
     /// From thread to thread, and how far from a thread's edge samples count: more than the resampling filter's
     /// reach at the most oblique view.

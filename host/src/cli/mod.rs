@@ -10,6 +10,8 @@ use crate::progress;
 use crate::report::Report;
 
 mod acquire;
+mod chart;
+mod compare;
 #[cfg(feature = "sim")]
 mod demo;
 mod develop;
@@ -67,6 +69,10 @@ enum Command {
     Fit(fit::FitArgs),
     /// Renders a scene
     Render(render::RenderArgs),
+    /// Renders a run's poses from the fitted map, beside the photographs
+    Compare(compare::CompareArgs),
+    /// Plots what a method costs against how right it is
+    Chart(chart::ChartArgs),
     /// Prints a commented example of a file that Lobelia reads
     Template(template::TemplateArgs),
     /// Prints a completion script for a shell
@@ -88,6 +94,8 @@ impl Command {
             Self::Fit(_) => "fit",
             Self::Render(_) => "render",
             Self::Rig(_) => "rig",
+            Self::Chart(_) => "chart",
+            Self::Compare(_) => "compare",
             Self::Template(_) => "template",
             Self::Completions { .. } => "completions",
         }
@@ -156,6 +164,8 @@ fn run(cli: Cli) -> Result<()> {
         Command::Develop(args) => develop::run(&args, &mut context),
         Command::Fit(args) => fit::run(&args, &mut context),
         Command::Render(args) => render::run(&args, &mut context),
+        Command::Compare(args) => compare::run(&args, &mut context),
+        Command::Chart(args) => chart::run(&args, &mut context),
         Command::Template(args) => template::run(&args),
         Command::Completions { shell } => {
             clap_complete::generate(shell, &mut Cli::command(), "lobelia", &mut std::io::stdout());

@@ -44,19 +44,16 @@ type DevelopedPose = (PoseGeometry, std::result::Result<Registration, String>, V
 /// Input errors for missing, truncated or mismatched frames, naming pose and file; for an unfinished run; and when no
 /// pose at all can be registered.
 pub fn run(folder: &Path) -> Result<Developed> {
-    let run = RunFolder::open(folder)?;
-    let config = &run.rig;
-    let dark = dark_signal(&run)?;
-    let poses = recorded_poses(&run)?;
+    let photographs = Photographs::open(folder)?;
+    let config = &photographs.run.rig;
 
-    let bar = progress::bar("developing", poses.len() as u64, "poses");
-    let developed = poses
-        .par_iter()
-        .enumerate()
-        .map(|(index, exposures)| {
-            let pose = develop_pose(&run, index, exposures, &dark);
+    let bar = progress::bar("developing", photographs.poses() as u64, "poses");
+    let developed = (0..photographs.poses())
+        .into_par_iter()
+        .map(|index| {
+            let pose = develop_pose(&photographs, index);
             bar.advance(1);
-            pose.map_err(|error| error.at(format!("pose {index}")))
+            pose
         })
         .collect::<Result<Vec<DevelopedPose>>>()?;
     drop(bar);
@@ -76,6 +73,47 @@ pub fn run(folder: &Path) -> Result<Developed> {
         return Err(Error::input(format!("no pose could be registered; pose 0: {reason}")));
     }
     Ok(Developed { sampled, registrations })
+}
+
+/// The photographs of a complete run.
+pub struct Photographs {
+    /// The run.
+    pub run: RunFolder,
+    dark: DarkSignal,
+    /// The exposures of every pose.
+    exposures: Vec<Vec<ExposureRecord>>,
+}
+
+/// What a pose's photographs show, and how they lie on the sample or why that can't be told.
+pub type Photographed = (MosaicRadiance, std::result::Result<Registration, String>);
+
+impl Photographs {
+    /// Opens a complete run.
+    ///
+    /// # Errors
+    /// As [`run`], but for the frames of poses.
+    pub fn open(folder: &Path) -> Result<Self> {
+        let run = RunFolder::open(folder)?;
+        let dark = dark_signal(&run)?;
+        let exposures = recorded_poses(&run)?;
+        Ok(Self { run, dark, exposures })
+    }
+
+    /// Number of poses.
+    pub fn poses(&self) -> usize {
+        self.exposures.len()
+    }
+
+    /// The radiance that a pose's bracket gives, and its registration.
+    ///
+    /// # Errors
+    /// As [`run`] for the frames of this pose.
+    pub fn pose(&self, index: usize) -> Result<Photographed> {
+        let mosaic = pose_radiance(&self.run, &self.exposures[index], &self.dark)
+            .map_err(|error| error.at(format!("pose {index}")))?;
+        let registration = registration::register(&self.run.rig, &mosaic, &self.run.plan.angles(index));
+        Ok((mosaic, registration))
+    }
 }
 
 /// The exposures of every pose of the plan, in the plan's order.
@@ -131,15 +169,7 @@ fn read_frame(run: &RunFolder, exposure: &ExposureRecord) -> Result<frame::RawFr
     Ok(frame)
 }
 
-/// The radiance that a pose's bracket gives.
-///
-/// # Errors
-/// As [`run`].
-pub fn pose_radiance(
-    run: &RunFolder,
-    exposures: &[ExposureRecord],
-    dark: &DarkSignal,
-) -> Result<MosaicRadiance> {
+fn pose_radiance(run: &RunFolder, exposures: &[ExposureRecord], dark: &DarkSignal) -> Result<MosaicRadiance> {
     let bracket = exposures
         .iter()
         .map(|exposure| {
@@ -150,16 +180,11 @@ pub fn pose_radiance(
     radiance::merge(&run.rig.camera, dark, &bracket)
 }
 
-fn develop_pose(
-    run: &RunFolder,
-    index: usize,
-    exposures: &[ExposureRecord],
-    dark: &DarkSignal,
-) -> Result<DevelopedPose> {
-    let config = &run.rig;
-    let mosaic = pose_radiance(run, exposures, dark)?;
-    let angles = run.plan.angles(index);
-    Ok(match registration::register(config, &mosaic, &angles) {
+fn develop_pose(photographs: &Photographs, index: usize) -> Result<DevelopedPose> {
+    let config = &photographs.run.rig;
+    let angles = photographs.run.plan.angles(index);
+    let (mosaic, registration) = photographs.pose(index)?;
+    Ok(match registration {
         Ok(registration) => {
             let geometry = pose_geometry(config, &registration.pose, angles.light);
             let reflectance = texel_reflectance(config, &mosaic, &registration, &geometry);

@@ -33,6 +33,17 @@ pub fn spacing_4d(n: f64) -> f64 {
     (TAU * highlight_solid_angle(n) / SAMPLES_IN_HIGHLIGHT).powf(0.25)
 }
 
+/// The largest exponent n that poses `spacing` radians apart resolve: (3.5) or (3.6) solved for n.
+pub fn sharpest(spacing: f64, isotropic: bool) -> f64 {
+    let solid_angle = if isotropic {
+        spacing.powi(3) / FRAC_PI_2 * SAMPLES_IN_HIGHLIGHT
+    } else {
+        spacing.powi(4) / TAU * SAMPLES_IN_HIGHLIGHT
+    };
+    // cos θ_r = 1 − ζ_r/2π, and cosⁿ θ_r is the level.
+    HIGHLIGHT_LEVEL.ln() / (1.0 - solid_angle / TAU).ln()
+}
+
 /// Solid angle ζ_r of the highlight, sr.
 fn highlight_solid_angle(n: f64) -> f64 {
     TAU * (1.0 - highlight_half_angle(n).cos())
@@ -50,5 +61,13 @@ mod tests {
         assert!((spacing_2d(n).to_degrees() - 6.94).abs() < 0.02);
         assert!((spacing_3d(n).to_degrees() - 16.3).abs() < 0.05);
         assert!((spacing_4d(n).to_degrees() - 31.6).abs() < 0.1);
+    }
+
+    #[test]
+    fn the_sharpest_exponent_has_the_spacing_that_it_asks_for() {
+        for n in [2.0, 40.0, 900.0] {
+            assert!((sharpest(spacing_3d(n), true) / n - 1.0).abs() < 1e-9);
+            assert!((sharpest(spacing_4d(n), false) / n - 1.0).abs() < 1e-9);
+        }
     }
 }

@@ -1,9 +1,9 @@
 //! Errors against the simulator's truth: histograms and a table of the report's figures.
 
-use super::scale::{Histogram, Scale};
-use super::{html, numbers};
 use crate::demo::{DemoOutcome, FitOutcome, truth};
 use crate::fit::figures::ErrorFigure;
+use crate::page::scale::{Histogram, Scale};
+use crate::page::{html, numbers};
 use crate::report::Report;
 
 /// Bins of every histogram.

@@ -2,10 +2,7 @@
 
 use glam::DVec2;
 
-use super::html::{self, Raster};
-use super::numbers;
 use super::pick;
-use super::scale::quantile;
 use crate::acquire::RunFolder;
 use crate::acquire::journal::{ExposureRecord, Record};
 use crate::demo::DemoOutcome;
@@ -15,6 +12,9 @@ use crate::develop::radiance::{MosaicRadiance, bayer_channel};
 use crate::develop::registration::{Registration, tag_corners};
 use crate::develop::resample::BayerPlanes;
 use crate::error::{Error, Result};
+use crate::page::html::{self, Raster};
+use crate::page::numbers;
+use crate::page::scale::quantile;
 use crate::reflectance::{Rgb, colour};
 use crate::rig::config::RigConfig;
 

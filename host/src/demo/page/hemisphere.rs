@@ -5,11 +5,11 @@ use std::f64::consts::{FRAC_PI_6, SQRT_2};
 use glam::Vec3;
 use rayon::prelude::*;
 
-use super::colour_map::ColourMap;
-use super::html::{self, Raster};
 use super::pick::{self, Chosen};
-use super::scale::{Scale, quantile};
 use crate::error::Result;
+use crate::page::colour_map::ColourMap;
+use crate::page::html::{self, Raster};
+use crate::page::scale::{Scale, quantile};
 use crate::plan::choose::MAX_THETA_O_DEG;
 use crate::plan::distance::{DirectionPair, distance};
 use crate::reflectance::{Brdf, SbrdfMap, colour};

@@ -1,11 +1,11 @@
 //! Maps of the fitted coefficients and of the fit's residual.
 
-use super::colour_map::ColourMap;
-use super::html::{self, Raster};
-use super::numbers;
-use super::scale::{Scale, quantile};
 use crate::demo::FitOutcome;
 use crate::error::Result;
+use crate::page::colour_map::ColourMap;
+use crate::page::html::{self, Raster};
+use crate::page::numbers;
+use crate::page::scale::{Scale, quantile};
 use crate::reflectance::{Lobe, Rgb, SbrdfMap, colour};
 
 /// The section.

@@ -6,18 +6,15 @@ use std::path::Path;
 use crate::demo::{DemoOutcome, FitOutcome, truth};
 use crate::error::{Error, Result};
 use crate::files;
+use crate::page::{self, html, numbers};
 use crate::report::Report;
 
-mod colour_map;
 mod errors;
 mod frame;
 mod hemisphere;
-mod html;
 mod maps;
-mod numbers;
 mod pick;
 mod polar;
-mod scale;
 mod texels;
 mod texture;
 mod timing;
@@ -33,9 +30,6 @@ pub struct Rendered {
     /// The picture as a PNG file.
     pub png: Vec<u8>,
 }
-
-/// The page's style.
-const STYLE: &str = include_str!("style.css");
 
 /// Writes the page of a demo whose report is finished.
 ///
@@ -57,11 +51,8 @@ fn page(outcome: &DemoOutcome, report: &Report, renderings: &[Rendered]) -> Resu
         errors::section(outcome, report),
         timing::section(report),
     ];
-    Ok(format!(
-        "<!DOCTYPE html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n<meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\n<title>Lobelia demo</title>\n<style>\n{STYLE}</style>\n</head>\n<body>\n<main>\n{}</main>\n{}</body>\n</html>\n",
-        sections.concat(),
-        footer(report)
-    ))
+    let body = format!("<main>\n{}</main>\n{}", sections.concat(), footer(report));
+    Ok(page::document("Lobelia demo", &body))
 }
 
 /// What was done, the pictures, the figures.

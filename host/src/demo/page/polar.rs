@@ -4,9 +4,9 @@ use std::f64::consts::FRAC_PI_2;
 
 use glam::Vec3;
 
-use super::numbers;
 use super::pick::{self, Chosen};
-use super::scale::Scale;
+use crate::page::numbers;
+use crate::page::scale::Scale;
 use crate::plan::distance::{DirectionPair, distance};
 use crate::reflectance::{Brdf, SbrdfMap, colour};
 use crate::sampled::SampledSbrdf;

@@ -4,9 +4,10 @@ use lobelia_hil_sim::optics::Material;
 
 use super::maps::{lobe_name, sorted_lobes};
 use super::pick::Chosen;
-use super::{hemisphere, html, numbers, pick, polar};
+use super::{hemisphere, pick, polar};
 use crate::demo::{DemoOutcome, FitOutcome};
 use crate::error::Result;
+use crate::page::{html, numbers};
 use crate::plan::choose::MAX_THETA_O_DEG;
 use crate::reflectance::{Lobe, LobeBrdf, Rgb};
 

@@ -1,10 +1,11 @@
 //! The registered texture under three lights.
 
-use super::html::{self, Raster};
-use super::scale::quantile;
-use super::{numbers, pick};
+use super::pick;
 use crate::demo::DemoOutcome;
 use crate::error::Result;
+use crate::page::html::{self, Raster};
+use crate::page::numbers;
+use crate::page::scale::quantile;
 use crate::reflectance::{Rgb, colour};
 use crate::sampled::SampledSbrdf;
 

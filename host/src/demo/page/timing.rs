@@ -1,6 +1,6 @@
 //! The time of each stage, and on which machine.
 
-use super::{html, numbers};
+use crate::page::{html, numbers};
 use crate::report::Report;
 
 /// The section.

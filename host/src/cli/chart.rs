@@ -1,0 +1,51 @@
+//! `lobelia chart`: what methods cost against how right they are.
+
+use std::path::PathBuf;
+
+use clap::{Args, Subcommand};
+
+use super::Context;
+use crate::chart;
+use crate::error::Result;
+use crate::rig::config::RigConfig;
+use crate::toml_file;
+
+/// Arguments of `lobelia chart`.
+#[derive(Debug, Args)]
+pub(super) struct ChartArgs {
+    #[command(subcommand)]
+    what: What,
+    /// Folder for NAME.html, NAME.json and the plots as SVG
+    #[arg(short, long, global = true, default_value = "charts")]
+    output: PathBuf,
+}
+
+#[derive(Debug, Subcommand)]
+enum What {
+    /// Poses and travel of plans by their density
+    Plan {
+        /// The rig; the default one when not given
+        rig: Option<PathBuf>,
+    },
+}
+
+/// Runs `lobelia chart`.
+pub(super) fn run(args: &ChartArgs, context: &mut Context) -> Result<()> {
+    let seed = context.seed;
+    let chart = match &args.what {
+        What::Plan { rig } => {
+            let config = match rig {
+                Some(path) => {
+                    context.report.input(path);
+                    toml_file::read(path)?
+                }
+                None => RigConfig::default(),
+            };
+            context.report.stage("chart", || chart::plan::chart(&config, seed))?
+        }
+    };
+    let page = chart.write(&args.output)?;
+    print!("{chart}");
+    println!("{}", page.display());
+    Ok(())
+}

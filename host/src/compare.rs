@@ -1,0 +1,392 @@
+//! A fitted map against the photographs that it came from (section 4.4.1): every pose rendered with the rig's own camera
+//! and light, pixel by pixel of the mosaic, and how far the two pictures are apart.
+//!
+//! Both are judged in the same interpolation, inside the sample's outline. Colours are relative to a perfect diffuser at the
+//! same point under the same light, so that neither the lamp's colour nor its distance counts.
+
+use std::f64::consts::PI;
+use std::ops::Range;
+use std::path::Path;
+
+use glam::{DVec2, DVec3};
+use palette::color_difference::Ciede2000;
+use palette::{IntoColor, Lab, LinSrgb};
+use rayon::prelude::*;
+
+use crate::chart::{Axis, Chart, Picture, Plot, Section, Series, Table};
+use crate::develop::radiance::{MosaicRadiance, bayer_channel};
+use crate::develop::registration::Registration;
+use crate::develop::resample::BayerPlanes;
+use crate::develop::{Photographs, camera, reflectance};
+use crate::error::{Error, Result};
+use crate::page::colour_map::ColourMap;
+use crate::page::html::Raster;
+use crate::page::scale::Scale;
+use crate::progress;
+use crate::reflectance::{Rgb, SbrdfMap, colour};
+use crate::rig::config::RigConfig;
+use crate::rig::geometry::pose_geometry;
+use crate::sampled::PoseGeometry;
+
+/// The colour difference at the bright end of the pictures of differences.
+const BRIGHTEST_DELTA_E: f64 = 10.0;
+
+/// How far the rendering of a pose is from its photograph, over the sample's pixels.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Difference {
+    /// ‖rendered − photographed radiance‖ / ‖photographed‖ over the mosaic's pixels.
+    pub relative_rms: f64,
+    /// Peak signal-to-noise ratio, dB, of the pictures in sRGB, where a perfect diffuser is white and what is brighter is
+    /// clipped.
+    pub psnr_db: f64,
+    /// CIEDE2000 of the same pictures: mean and 95th percentile.
+    pub delta_e: [f64; 2],
+}
+
+/// A pose that was compared.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ComparedPose {
+    /// Index of the pose in the plan.
+    pub pose: usize,
+    /// Angle between the half vector and the normal at the sample's centre, degrees: 0 looks into the mirror direction.
+    pub half_deg: f64,
+    /// The difference.
+    pub difference: Difference,
+}
+
+/// The colours of one pixel of both pictures, linear, 1 for a perfect diffuser.
+struct Pixel {
+    photographed: Rgb,
+    rendered: Rgb,
+}
+
+/// A pose's two pictures at half the mosaic's size, cut to the sample's surroundings.
+struct Pictures {
+    columns: usize,
+    /// `None` outside of the sample and where the photograph is saturated.
+    pixels: Vec<Option<Pixel>>,
+    relative_rms: f64,
+}
+
+/// Compares the given poses, or all when none is given; poses that cannot be registered are left out. The result is in
+/// order of the poses.
+///
+/// # Errors
+/// Input errors: a map of another size than the rig's texels, a pose that isn't in the plan, damaged frames, or not one
+/// registered pose.
+pub fn poses(photographs: &Photographs, map: &SbrdfMap, wanted: &[usize]) -> Result<Vec<ComparedPose>> {
+    check(photographs, map, wanted)?;
+    let all: Vec<usize> =
+        if wanted.is_empty() { (0..photographs.poses()).collect() } else { wanted.to_vec() };
+    let bar = progress::bar("comparing", all.len() as u64, "poses");
+    let compared: Vec<Option<ComparedPose>> = all
+        .into_par_iter()
+        .map(|pose| {
+            let found = pictures(photographs, map, pose)?;
+            bar.advance(1);
+            Ok(found.map(|(geometry, pictures)| ComparedPose {
+                pose,
+                half_deg: half_deg(&geometry),
+                difference: pictures.difference(),
+            }))
+        })
+        .collect::<Result<_>>()?;
+    let compared: Vec<ComparedPose> = compared.into_iter().flatten().collect();
+    if compared.is_empty() {
+        return Err(Error::input("none of the poses could be registered"));
+    }
+    Ok(compared)
+}
+
+fn check(photographs: &Photographs, map: &SbrdfMap, wanted: &[usize]) -> Result<()> {
+    let carrier = &photographs.run.rig.carrier;
+    let (width, height) = (carrier.texels_across, carrier.texels_down());
+    if (map.width, map.height) != (width, height) {
+        let message = format!(
+            "the map has {} × {} texels, the run's rig.toml {width} × {height}",
+            map.width, map.height
+        );
+        return Err(Error::input(message));
+    }
+    match wanted.iter().find(|&&pose| pose >= photographs.poses()) {
+        Some(pose) => {
+            Err(Error::input(format!("pose {pose} is not in the plan, which has {}", photographs.poses())))
+        }
+        None => Ok(()),
+    }
+}
+
+/// The chart of a comparison, with photograph, rendering and difference of the best, the median and the worst pose.
+///
+/// # Errors
+/// As [`poses`].
+pub fn chart(photographs: &Photographs, map: &SbrdfMap, compared: &[ComparedPose]) -> Result<Chart> {
+    let mut ranked: Vec<&ComparedPose> = compared.iter().collect();
+    ranked.sort_by(|a, b| b.difference.psnr_db.total_cmp(&a.difference.psnr_db));
+    let mut shown = vec![0, ranked.len() / 2, ranked.len() - 1];
+    shown.dedup();
+    let mut shots = Vec::new();
+    for &rank in &shown {
+        let pose = ranked[rank].pose;
+        if let Some((_, found)) = pictures(photographs, map, pose)? {
+            let psnr = ranked[rank].difference.psnr_db;
+            for (name, raster) in
+                ["photograph", "rendering", "difference, ΔE 0 to 10"].iter().zip(found.rasters())
+            {
+                let title = format!("Pose {pose}, {psnr:.1} dB: {name}");
+                shots.push(Picture { title, png: raster.png()? });
+            }
+        }
+    }
+    let mut table = Table::new(["pose", "half angle, °", "relative RMS", "PSNR, dB", "ΔE mean", "ΔE 95 %"]);
+    for ComparedPose { pose, half_deg, difference } in compared {
+        let [mean, most] = difference.delta_e;
+        table.row([
+            (*pose).into(),
+            (*half_deg).into(),
+            difference.relative_rms.into(),
+            difference.psnr_db.into(),
+            mean.into(),
+            most.into(),
+        ]);
+    }
+    let points = |value: fn(&Difference) -> f64| {
+        let points = compared.iter().map(|pose| [pose.half_deg, value(&pose.difference)]).collect();
+        let labels = compared.iter().map(|pose| format!("pose {}", pose.pose)).collect();
+        vec![Series::scattered("poses", points, labels)]
+    };
+    let plot = |title: &str, y: Axis, value| Plot {
+        title: title.into(),
+        x: Axis::linear("angle between half vector and normal, °"),
+        y,
+        series: points(value),
+    };
+    let plots = vec![
+        plot("Peak signal-to-noise ratio by half angle", Axis::linear("PSNR, dB"), |d| d.psnr_db),
+        plot("Mean colour difference by half angle", Axis::linear("ΔE (CIEDE2000)"), |d| d.delta_e[0]),
+    ];
+    let section = Section {
+        title: "Photographs and renderings".into(),
+        text: "The poses with the best, the median and the worst PSNR. A perfect diffuser under the same light is white; what is brighter is clipped.".into(),
+        pictures: shots,
+        ..Section::default()
+    };
+    let numbers = Section {
+        title: "By pose".into(),
+        text: "Relative RMS is of the linear radiance over the mosaic's pixels on the sample; PSNR and ΔE are of the pictures as shown above.".into(),
+        plots,
+        tables: vec![table],
+        ..Section::default()
+    };
+    Ok(Chart {
+        name: "compare".into(),
+        title: "Photographs against the fitted map".into(),
+        lead: "Each pose was rendered from the fitted map with the rig's own camera and light, where the photograph's registration puts the sample.".into(),
+        sections: vec![section, numbers],
+    })
+}
+
+/// Both pictures of a pose with its geometry; `None` when it cannot be registered.
+fn pictures(
+    photographs: &Photographs,
+    map: &SbrdfMap,
+    pose: usize,
+) -> Result<Option<(PoseGeometry, Pictures)>> {
+    let (photograph, Ok(registration)) = photographs.pose(pose)? else { return Ok(None) };
+    let config = &photographs.run.rig;
+    let geometry = pose_geometry(config, &registration.pose, photographs.run.plan.angles(pose).light);
+    let place = |x: f64, y: f64| place_mm(config, &registration, DVec2::new(x, y));
+    let rendering = render(config, map, &geometry, &photograph, place);
+    let [across, down] = surroundings(config, &registration);
+    let planes = [BayerPlanes::new(&photograph), BayerPlanes::new(&rendering)];
+    let pixel = |column: usize, row: usize| {
+        let at = DVec2::new(2.0 * column as f64 + 0.5, 2.0 * row as f64 + 0.5);
+        let place = place(at.x, at.y)?;
+        let white = reflectance::irradiance_factor(config, &geometry, place.extend(0.0)) / PI;
+        let [photographed, rendered] = planes.each_ref().map(|planes| {
+            let radiance = planes.sample(at);
+            Rgb::from_array(std::array::from_fn(|c| radiance[c] / (config.lamp.radiance[c] * white) as f32))
+        });
+        (photographed.is_finite() && rendered.is_finite()).then_some(Pixel { photographed, rendered })
+    };
+    let columns = across.len();
+    let pixels = down.flat_map(|row| across.clone().map(move |column| (column, row)));
+    let pixels = pixels.map(|(column, row)| pixel(column, row)).collect();
+    let relative_rms = relative_rms(&photograph, &rendering);
+    Ok(Some((geometry, Pictures { columns, pixels, relative_rms })))
+}
+
+/// The point of the sample that a pixel sees, mm; `None` beside the sample.
+fn place_mm(config: &RigConfig, registration: &Registration, pixel: DVec2) -> Option<DVec2> {
+    let place = registration.homography.invert(camera::to_normalised(&config.camera, pixel));
+    let half = DVec2::new(config.carrier.sample_width_mm, config.carrier.sample_height_mm) / 2.0;
+    place.abs().cmple(half).all().then_some(place)
+}
+
+/// Columns and rows, in pairs of pixels, that hold the sample's outline.
+fn surroundings(config: &RigConfig, registration: &Registration) -> [Range<usize>; 2] {
+    let half = DVec2::new(config.carrier.sample_width_mm, config.carrier.sample_height_mm) / 2.0;
+    let corners = [(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)]
+        .map(|(x, y)| registration.pixel(config, half * DVec2::new(x, y)));
+    let range = |values: [f64; 4], pixels: usize| {
+        let (low, high) =
+            values.iter().fold((f64::MAX, f64::MIN), |(low, high), &v| (low.min(v), high.max(v)));
+        let pair = |value: f64| ((value / 2.0).max(0.0) as usize).min(pixels / 2);
+        pair(low - 4.0)..pair(high + 4.0)
+    };
+    [range(corners.map(|c| c.x), config.camera.width), range(corners.map(|c| c.y), config.camera.height)]
+}
+
+/// The mosaic that the camera would see of the map: radiance for the nominal lamp, NaN beside the sample.
+fn render(
+    config: &RigConfig,
+    map: &SbrdfMap,
+    geometry: &PoseGeometry,
+    photograph: &MosaicRadiance,
+    place: impl Fn(f64, f64) -> Option<DVec2>,
+) -> MosaicRadiance {
+    let (width, height) = (photograph.width, photograph.height);
+    let value = |index: usize| {
+        let (x, y) = (index % width, index / width);
+        let Some(place) = place(x as f64, y as f64) else { return f32::NAN };
+        let place = place.extend(0.0);
+        let towards = |point: DVec3| (point - place).normalize().as_vec3();
+        let (wi, wo) = (towards(geometry.light_mm), towards(geometry.camera_mm));
+        let channel = bayer_channel(x, y);
+        let irradiance =
+            config.lamp.radiance[channel] * reflectance::irradiance_factor(config, geometry, place);
+        let neighbours = neighbours(map, config.carrier.texel_mm(), place);
+        let f: f32 = neighbours.map(|(texel, weight)| weight * map.eval(texel, wi, wo)[channel]).iter().sum();
+        f * irradiance as f32
+    };
+    MosaicRadiance { width, height, data: (0..width * height).map(value).collect() }
+}
+
+/// The four texels about a place and their bilinear weights.
+fn neighbours(map: &SbrdfMap, texel_mm: f64, place: DVec3) -> [(usize, f32); 4] {
+    let column = place.x / texel_mm + map.width as f64 / 2.0 - 0.5;
+    let row = map.height as f64 / 2.0 - place.y / texel_mm - 0.5;
+    let (left, top) = (column.floor(), row.floor());
+    let (right, bottom) = ((column - left) as f32, (row - top) as f32);
+    let clamp = |value: f64, count: usize| (value.max(0.0) as usize).min(count - 1);
+    [(0.0, 0.0), (1.0, 0.0), (0.0, 1.0), (1.0, 1.0)].map(|(dx, dy)| {
+        let texel = clamp(top + dy, map.height) * map.width + clamp(left + dx, map.width);
+        let share = |d: f64, part: f32| if d > 0.0 { part } else { 1.0 - part };
+        (texel, share(dx, right) * share(dy, bottom))
+    })
+}
+
+/// ‖rendered − photographed‖ / ‖photographed‖ where both are numbers.
+fn relative_rms(photograph: &MosaicRadiance, rendering: &MosaicRadiance) -> f64 {
+    let pairs = photograph.data.iter().zip(&rendering.data).map(|(&p, &r)| (f64::from(p), f64::from(r)));
+    let pairs = pairs.filter(|(p, r)| p.is_finite() && r.is_finite());
+    let (off, all) = pairs.fold((0.0, 0.0), |(off, all), (p, r)| (off + (r - p).powi(2), all + p * p));
+    (off / all).sqrt()
+}
+
+/// The angle between half vector and normal at the sample's centre, degrees.
+fn half_deg(geometry: &PoseGeometry) -> f64 {
+    let half = geometry.light_mm.normalize() + geometry.camera_mm.normalize();
+    half.angle_between(DVec3::Z).to_degrees()
+}
+
+impl Pixel {
+    fn lab(colour: Rgb) -> Lab<palette::white_point::D65, f32> {
+        let [r, g, b] = colour.clamp(Rgb::ZERO, Rgb::ONE).to_array();
+        LinSrgb::new(r, g, b).into_color()
+    }
+
+    fn delta_e(&self) -> f32 {
+        Self::lab(self.photographed).difference(Self::lab(self.rendered))
+    }
+
+    /// Mean square difference of the three channels in sRGB.
+    fn square(&self) -> f64 {
+        let [a, b] = [self.photographed, self.rendered].map(|c| c.to_array().map(colour::srgb_encode));
+        (0..3).map(|c| f64::from(a[c] - b[c]).powi(2)).sum::<f64>() / 3.0
+    }
+}
+
+impl Pictures {
+    fn difference(&self) -> Difference {
+        let seen: Vec<&Pixel> = self.pixels.iter().flatten().collect();
+        let count = seen.len() as f64;
+        let mean_square = seen.iter().map(|pixel| pixel.square()).sum::<f64>() / count;
+        let mut delta_e: Vec<f32> = seen.iter().map(|pixel| pixel.delta_e()).collect();
+        delta_e.sort_by(f32::total_cmp);
+        let mean = delta_e.iter().map(|&e| f64::from(e)).sum::<f64>() / count;
+        let most = delta_e.get(delta_e.len() * 95 / 100).copied().map_or(f64::NAN, f64::from);
+        Difference {
+            relative_rms: self.relative_rms,
+            psnr_db: -10.0 * mean_square.log10(),
+            delta_e: [mean, most],
+        }
+    }
+
+    /// Photograph, rendering, difference; transparent beside the sample.
+    fn rasters(&self) -> [Raster; 3] {
+        let scale = Scale::linear(0.0, BRIGHTEST_DELTA_E);
+        let raster = |colour: &dyn Fn(&Pixel) -> [u8; 3]| {
+            let opaque = |pixel: &Pixel| {
+                let [r, g, b] = colour(pixel);
+                [r, g, b, 255]
+            };
+            let pixels: Vec<[u8; 4]> =
+                self.pixels.iter().map(|pixel| pixel.as_ref().map_or([0; 4], opaque)).collect();
+            Raster { width: self.columns, height: pixels.len() / self.columns.max(1), pixels }
+        };
+        [
+            raster(&|pixel| colour::to_srgb8(pixel.photographed)),
+            raster(&|pixel| colour::to_srgb8(pixel.rendered)),
+            raster(&|pixel| ColourMap::Viridis.at(scale.place(f64::from(pixel.delta_e())))),
+        ]
+    }
+}
+
+/// Opens the run and compares.
+///
+/// # Errors
+/// As [`poses`] and [`Photographs::open`].
+pub fn run(folder: &Path, map: &SbrdfMap, wanted: &[usize]) -> Result<(Vec<ComparedPose>, Chart)> {
+    let photographs = Photographs::open(folder)?;
+    let compared = poses(&photographs, map, wanted)?;
+    let chart = chart(&photographs, map, &compared)?;
+    Ok((compared, chart))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::reflectance::LobeBrdf;
+
+    #[test]
+    fn bilinear_weights_sum_to_one_and_centres_take_their_own_texel() {
+        let map = SbrdfMap::from_texels(4, 2, &vec![LobeBrdf::default(); 8]);
+        for (place, own) in
+            [((-0.75, 0.25), Some(0)), ((0.75, -0.25), Some(7)), ((0.1, 0.1), None), ((-1.0, 0.5), Some(0))]
+        {
+            let weights = neighbours(&map, 0.5, DVec3::new(place.0, place.1, 0.0));
+            assert!((weights.iter().map(|w| w.1).sum::<f32>() - 1.0).abs() < 1e-6);
+            if let Some(own) = own {
+                let share: f32 = weights.iter().filter(|w| w.0 == own).map(|w| w.1).sum();
+                assert!((share - 1.0).abs() < 1e-6, "{place:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn colour_difference_and_noise_ratio_are_those_of_known_pixels() {
+        // Two greys of L* 50 and 60: CIEDE2000 between greys is ΔL/S_L = 10 / (1 + 0.015·25/√45).
+        let grey = |l: f32| Rgb::splat(((l + 16.0) / 116.0).powi(3));
+        let pixel = || Some(Pixel { photographed: grey(50.0), rendered: grey(60.0) });
+        let pictures =
+            Pictures { columns: 2, pixels: vec![pixel(), pixel(), None, pixel()], relative_rms: 0.1 };
+        let found = pictures.difference();
+        let expected = 10.0 / (1.0 + 0.015 * 25.0 / 45f64.sqrt());
+        assert!((found.delta_e[0] - expected).abs() < 0.01, "{found:?} {expected}");
+        let step = f64::from(colour::srgb_encode(grey(60.0).x) - colour::srgb_encode(grey(50.0).x));
+        assert!((found.psnr_db + 20.0 * step.log10()).abs() < 1e-3);
+        let rasters = pictures.rasters();
+        assert_eq!((rasters[0].width, rasters[0].height, rasters[0].pixels[2][3]), (2, 2, 0));
+    }
+}
