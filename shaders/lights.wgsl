@@ -1,19 +1,21 @@
-// Point and directional lights on SBRDF materials, any number of lobes and lights in one pass:
+// Lights without extent on SBRDF materials, any number of lobes and lamps in one pass:
 // L = sum over lights of (rho_d + sum over lobes of rho_s (wi C' wo)^n) E_l (N . wi)   (4.1), (6.9)
 // Reflectance, not its parameters, is interpolated between texels. The twin in Rust is host/src/render/lights/cpu.rs.
 
 struct View {
     // World to clip space.
     projection: mat4x4f,
-    // Centre of projection; w: number of lights.
+    // Centre of projection; w: number of lamps.
     eye: vec4f,
 }
 
-struct Light {
+struct Lamp {
     // Directional: unit vector toward the light, w = 0. Point: position, w = 1.
     place: vec4f,
     // Directional: irradiance. Point: intensity.
-    colour: vec4f,
+    power: vec4f,
+    // Normal of a point's surface, whose cosine counts; zero for a light that is the same all round.
+    front: vec4f,
 }
 
 struct Material {
@@ -23,6 +25,9 @@ struct Material {
     bilinear: u32,
     tiling: vec2f,
     padding: vec2f,
+    // Of a rectangular light's front.
+    emission: vec3f,
+    emits: u32,
 }
 
 struct Texel {
@@ -39,7 +44,7 @@ struct Lobe {
 }
 
 @group(0) @binding(0) var<uniform> view: View;
-@group(0) @binding(1) var<storage, read> lights: array<Light>;
+@group(0) @binding(1) var<storage, read> lamps: array<Lamp>;
 @group(0) @binding(2) var<storage, read> materials: array<Material>;
 @group(0) @binding(3) var<storage, read> texels: array<Texel>;
 @group(0) @binding(4) var<storage, read> lobes: array<Lobe>;
@@ -123,9 +128,14 @@ fn texel_index(object: u32, x: i32, y: i32) -> u32 {
 }
 
 @fragment
-fn shade(in: Fragment, @builtin(front_facing) front: bool) -> @location(0) vec4f {
-    let side = select(-1.0, 1.0, front);
+fn shade(in: Fragment) -> @location(0) vec4f {
     let toward_eye = normalize(view.eye.xyz - in.position);
+    // The side is told by where the viewer stands, not by the triangle's winding, which files get wrong.
+    let face = cross(dpdx(in.position), dpdy(in.position));
+    let side = select(-1.0, 1.0, dot(in.normal, face) * dot(toward_eye, face) >= 0.0);
+    if materials[in.object].emits != 0u {
+        return vec4f(select(vec3f(0.0), materials[in.object].emission, dot(in.normal, toward_eye) > 0.0), 1.0);
+    }
     let frame = shading_frame(in.normal * side, in.tangent.xyz, in.tangent.w * side, toward_eye);
     let wo = toward_eye * frame;
 
@@ -148,14 +158,17 @@ fn shade(in: Fragment, @builtin(front_facing) front: bool) -> @location(0) vec4f
 
     var radiance = vec3f(0.0);
     for (var l = 0u; l < u32(view.eye.w); l++) {
-        let light = lights[l];
-        var toward = light.place.xyz;
-        var irradiance = light.colour.rgb;
-        if light.place.w != 0.0 {
-            let offset = light.place.xyz - in.position;
+        let lamp = lamps[l];
+        var toward = lamp.place.xyz;
+        var irradiance = lamp.power.rgb;
+        if lamp.place.w != 0.0 {
+            let offset = lamp.place.xyz - in.position;
             let square = max(dot(offset, offset), 1e-37);
             toward = offset * inverseSqrt(square);
             irradiance /= square;
+        }
+        if any(lamp.front.xyz != vec3f(0.0)) {
+            irradiance *= max(-dot(lamp.front.xyz, toward), 0.0);
         }
         let wi = toward * frame;
         if wi.z <= 0.0 {

@@ -1,34 +1,66 @@
 //! `lobelia render`: a picture of a scene file.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use super::Context;
 use crate::error::{Error, Result};
-use crate::render::{self, Method, reference};
+use crate::fit::figures::ErrorFigure;
+use crate::render::compare::{Errors, compare};
+use crate::render::{self, Cost, Method, Picture, PictureKind, Rendering, reference};
 use crate::report::Stage;
-use crate::scene::Scene;
+use crate::scene::{Camera, Scene};
 
 /// Render a scene of SBRDF materials.
 #[derive(Debug, clap::Args)]
 pub(super) struct RenderArgs {
-    /// The scene (TOML).
+    /// The scene: a .toml file, or one that is shipped: studio-ball, sky-drape, lamps, window, metal-row
     pub(super) scene: PathBuf,
-    /// Where the picture goes: .exr is linear, .png is tone-mapped. May be given more than once.
+    /// Where the picture goes: .exr is linear, .png is tone-mapped. May be given more than once. A name with # (frame-##.png)
+    /// takes every frame of the scene's animation
     #[arg(short, long = "output", required = true)]
     pub(super) output: Vec<PathBuf>,
     /// How to render.
     #[arg(long, value_enum, default_value_t = Method::Auto)]
     pub(super) method: Method,
-    /// Samples a pixel of the reference.
-    #[arg(long, default_value_t = 64, value_parser = clap::value_parser!(u32).range(1..=1_048_576))]
-    pub(super) samples: u32,
+    /// Samples a pixel of the reference [default: 64, or as many as --seconds and --max-error need]
+    #[arg(long, value_parser = clap::value_parser!(u32).range(1..=1_048_576))]
+    pub(super) samples: Option<u32>,
+    /// Seconds that the reference may take at most
+    #[arg(long)]
+    pub(super) seconds: Option<f64>,
+    /// Relative RMSE, estimated from the pixels' variance, at which the reference stops: 0.01 is 1 %
+    #[arg(long, value_name = "E")]
+    pub(super) max_error: Option<f64>,
+    /// Reflections a path of the reference at most; 1 leaves interreflection out
+    #[arg(long, default_value_t = 64, value_parser = clap::value_parser!(u32).range(1..=1024))]
+    pub(super) bounces: u32,
+    /// Writes the variance of every pixel's mean, which the reference estimates
+    #[arg(long, value_name = "FILE.exr")]
+    pub(super) variance: Option<PathBuf>,
+    /// A reference picture of the same view: RMSE, relative RMSE and FLIP against it are told and reported
+    #[arg(long, value_name = "FILE.exr")]
+    pub(super) against: Option<PathBuf>,
     /// Pixels a row, instead of the scene's.
     #[arg(long)]
     pub(super) width: Option<u32>,
     /// Rows, instead of the scene's.
     #[arg(long)]
     pub(super) height: Option<u32>,
+}
+
+impl RenderArgs {
+    /// What the reference is to do.
+    fn settings(&self, seed: u64) -> reference::Settings {
+        let budget = self.seconds.is_some() || self.max_error.is_some();
+        reference::Settings {
+            samples: self.samples.unwrap_or(if budget { 1 << 20 } else { 64 }),
+            seconds: self.seconds,
+            max_error: self.max_error,
+            bounces: self.bounces,
+            seed,
+        }
+    }
 }
 
 /// What was done, for the report.
@@ -38,40 +70,63 @@ pub(super) struct RenderOutcome {
     pub(super) stages: Vec<(&'static str, f64)>,
     /// The method that made the picture; never [`Method::Auto`].
     pub(super) method: Method,
-    /// The GPU that drew it; `None` for the CPU.
-    pub(super) adapter: Option<String>,
     /// Why `auto` did not use the GPU.
     pub(super) note: Option<String>,
-    /// Size of the picture in pixels.
-    pub(super) size: (usize, usize),
-    /// Rays cast by the reference.
-    pub(super) rays: u64,
+    /// The picture, the last of an animation, and the cost of all.
+    pub(super) rendering: Rendering,
+    /// How far it is from the picture given.
+    pub(super) errors: Option<Errors>,
     /// The files written.
     pub(super) written: Vec<PathBuf>,
 }
 
 /// Runs `lobelia render`.
 pub(super) fn run(args: &RenderArgs, context: &mut Context) -> Result<()> {
-    context.report.input(&args.scene);
+    if args.scene.exists() {
+        context.report.input(&args.scene);
+    }
     let outcome = render_scene(args, context.seed)?;
     if let Some(note) = &outcome.note {
         context.note(format!("rendered on the CPU: {note}"));
     }
+    let rendering = &outcome.rendering;
+    let (picture, cost) = (&rendering.picture, &rendering.cost);
     let stages = outcome.stages.iter().map(|&(name, seconds)| Stage { name: name.into(), seconds });
     context.report.stages.extend(stages);
-    context.report.machine.gpu = outcome.adapter.clone();
-    context.report.figure("pixels", vec![outcome.size.0, outcome.size.1]);
-    context.report.figure("rays", outcome.rays);
+    context.report.machine.gpu = rendering.adapter.clone();
+    context.report.figure("pixels", vec![picture.width, picture.height]);
+    context.report.figure("samples", cost.samples);
+    context.report.figure("rays", cost.rays);
+    context.report.figure("draws", cost.draws);
+    context.report.figure("render_memory_bytes", cost.memory_bytes);
     context.report.figure("method", format!("{:?}", outcome.method).to_lowercase());
-    let by = outcome.adapter.as_deref().unwrap_or("the CPU");
+    let estimated = rendering.estimated_error();
+    if let Some(estimated) = estimated {
+        let over = format!("{} pixels × 3 channels", picture.pixels.len());
+        context.report.errors.push(ErrorFigure::new("estimated_relative_rmse", estimated, "1", over));
+    }
+    let errors = outcome.errors.map_or_else(Vec::new, |errors| errors.figures());
+    context.report.errors.extend(errors.iter().cloned());
+
+    let by = rendering.adapter.as_deref().unwrap_or("the CPU");
     let seconds: f64 = outcome.stages.iter().map(|(_, seconds)| seconds).sum();
-    for path in &outcome.written {
-        println!(
-            "{}: {} × {} pixels by {by}, {seconds:.1} s",
-            path.display(),
-            outcome.size.0,
-            outcome.size.1
-        );
+    let noise = estimated.map_or_else(String::new, |error| format!(", noise {:.2} %", 100.0 * error));
+    let last = outcome.written.last().map_or_else(String::new, |path| path.display().to_string());
+    let more = match outcome.written.len() {
+        1 => String::new(),
+        count => format!(" and {} more", count - 1),
+    };
+    println!(
+        "{last}{more}: {} × {} pixels by {by}, {} samples a pixel{noise}, {seconds:.1} s",
+        picture.width, picture.height, cost.samples
+    );
+    for figure in errors {
+        println!("{:>14}  {:.5} {} over {}", figure.name, figure.value, figure.unit, figure.over);
+    }
+    if let (Some(wanted), Some(reached)) = (args.max_error, estimated)
+        && reached > wanted
+    {
+        context.note(format!("--max-error {wanted} was not reached: {reached:.4}"));
     }
     Ok(())
 }
@@ -86,34 +141,91 @@ fn render_scene(args: &RenderArgs, seed: u64) -> Result<RenderOutcome> {
             return Err(Error::input(format!("{}: a picture's name ends in .exr or .png", path.display())));
         }
     }
+    if let Some(path) = &args.variance
+        && render::picture_kind(path) != Some(PictureKind::Exr)
+    {
+        return Err(Error::input(format!("{}: a variance image's name ends in .exr", path.display())));
+    }
     let start = Instant::now();
-    let mut scene = Scene::read(&args.scene)?;
-    scene.camera.width = args.width.unwrap_or(scene.camera.width);
-    scene.camera.height = args.height.unwrap_or(scene.camera.height);
+    let mut scene = Scene::open(&args.scene)?;
+    let keys = scene.animation.iter_mut().flat_map(|animation| &mut animation.keys);
+    for camera in std::iter::once(&mut scene.camera).chain(keys) {
+        camera.width = args.width.unwrap_or(camera.width);
+        camera.height = args.height.unwrap_or(camera.height);
+    }
+    let views = views(&scene, args)?;
+    let against = args.against.as_deref().map(Picture::read_exr).transpose()?;
     let loaded = start.elapsed().as_secs_f64();
 
-    let settings = reference::Settings { samples: args.samples, seed };
-    let chosen = render::render(&scene, args.method, &settings)?;
-    let writing = Instant::now();
-    let rendering = chosen.rendering;
-    for path in &args.output {
-        rendering.picture.write(path, scene.exposure)?;
+    let chosen = render::prepare(&scene, args.method, &args.settings(seed))?;
+    let mut outcome = None;
+    let (mut cost, mut write_seconds) = (Cost::default(), 0.0);
+    for (camera, paths) in &views {
+        let rendering = chosen.prepared.view(camera)?;
+        cost = cost.and(&rendering.cost);
+        let writing = Instant::now();
+        for path in paths {
+            rendering.picture.write(path, scene.exposure)?;
+        }
+        if let Some(path) = &args.variance {
+            write_variance(&rendering, path)?;
+        }
+        write_seconds += writing.elapsed().as_secs_f64();
+        outcome = Some(rendering);
     }
+    let rendering = Rendering { cost, ..outcome.ok_or_else(|| Error::input("the animation has no frames"))? };
+    let errors = against.map(|truth| compare(&rendering.picture, &truth)).transpose()?;
     let stages = vec![
         ("load", loaded),
-        ("prepare", rendering.cost.prepare_seconds),
-        ("render", rendering.cost.render_seconds),
-        ("write", writing.elapsed().as_secs_f64()),
+        ("prepare", cost.prepare_seconds),
+        ("render", cost.render_seconds),
+        ("write", write_seconds),
     ];
-    Ok(RenderOutcome {
-        stages,
-        method: chosen.method,
-        adapter: rendering.adapter,
-        note: chosen.note,
-        size: (rendering.picture.width, rendering.picture.height),
-        rays: rendering.cost.rays,
-        written: args.output.clone(),
-    })
+    let written = views.into_iter().flat_map(|(_, paths)| paths).collect();
+    Ok(RenderOutcome { stages, method: chosen.method, note: chosen.note, rendering, errors, written })
+}
+
+/// The views to render, each with its pictures: the camera's, or those of the animation when names have a `#`.
+///
+/// # Errors
+/// Input errors for names with `#` beside others, or without an animation.
+fn views(scene: &Scene, args: &RenderArgs) -> Result<Vec<(Camera, Vec<PathBuf>)>> {
+    let numbered = |path: &PathBuf| path.to_string_lossy().contains('#');
+    let count = args.output.iter().filter(|path| numbered(path)).count();
+    if count == 0 {
+        return Ok(vec![(scene.camera, args.output.clone())]);
+    }
+    let Some(animation) = &scene.animation else {
+        return Err(Error::input("a picture's name has a #, but the scene has no animation"));
+    };
+    if count < args.output.len() || args.variance.is_some() || args.against.is_some() {
+        return Err(Error::input(
+            "an animation goes with names that all have a #, and with neither --variance nor --against",
+        ));
+    }
+    let name = |path: &PathBuf, frame: u32| {
+        let text = path.to_string_lossy();
+        let digits = text.matches('#').count();
+        let start = text.find('#').unwrap_or_default();
+        let number = format!("{frame:0digits$}");
+        PathBuf::from(format!("{}{number}{}", &text[..start], text[start..].trim_start_matches('#')))
+    };
+    let frame = |frame| {
+        let paths = args.output.iter().map(|path| name(path, frame)).collect();
+        (animation.view(frame), paths)
+    };
+    Ok((0..animation.frames).map(frame).collect())
+}
+
+/// Writes the variance of every pixel's mean.
+fn write_variance(rendering: &Rendering, path: &Path) -> Result<()> {
+    let variance = rendering.variance.as_ref().ok_or_else(|| {
+        let place = path.display();
+        Error::input(format!("{place}: there is no variance: use --method reference and 4 samples or more"))
+    })?;
+    let Picture { width, height, .. } = rendering.picture;
+    let pixels = variance.iter().map(|v| v.extend(1.0)).collect();
+    Picture { width, height, pixels }.write(path, 1.0)
 }
 
 #[cfg(test)]
@@ -130,7 +242,12 @@ mod tests {
             scene,
             output: outputs.iter().map(|name| folder.join(name)).collect(),
             method,
-            samples: 4,
+            samples: Some(4),
+            seconds: None,
+            max_error: None,
+            bounces: 4,
+            variance: None,
+            against: None,
             width: Some(32),
             height: None,
         }
@@ -140,8 +257,10 @@ mod tests {
     fn both_kinds_of_picture_are_written_with_the_size_asked_for() {
         let folder = tempfile::tempdir().unwrap();
         let outcome = render_scene(&args(folder.path(), Method::Reference, &["a.exr", "a.png"]), 1).unwrap();
-        assert_eq!((outcome.size, outcome.method), ((32, 48), Method::Reference));
-        assert!(outcome.rays > 32 * 48 * 4);
+        let rendering = &outcome.rendering;
+        assert_eq!((rendering.picture.width, rendering.picture.height), (32, 48));
+        assert_eq!((outcome.method, rendering.cost.samples), (Method::Reference, 4));
+        assert!(rendering.cost.rays > 32 * 48 * 4 && rendering.cost.memory_bytes > 32 * 48 * 16);
         assert_eq!(image::image_dimensions(folder.path().join("a.png")).unwrap(), (32, 48));
         assert!(folder.path().join("a.exr").exists());
     }
@@ -150,8 +269,36 @@ mod tests {
     fn auto_makes_a_picture_with_a_gpu_or_without() {
         let folder = tempfile::tempdir().unwrap();
         let outcome = render_scene(&args(folder.path(), Method::Auto, &["a.png"]), 1).unwrap();
-        assert_eq!(outcome.adapter.is_some(), outcome.method == Method::Lights);
+        assert_eq!(outcome.rendering.adapter.is_some(), outcome.method == Method::Lights);
         assert_eq!(outcome.note.is_some(), outcome.method == Method::Reference);
+    }
+
+    #[test]
+    fn a_picture_compared_with_itself_has_no_error_and_variance_is_written() {
+        let folder = tempfile::tempdir().unwrap();
+        let mut args = args(folder.path(), Method::Reference, &["a.exr"]);
+        args.variance = Some(folder.path().join("v.exr"));
+        render_scene(&args, 1).unwrap();
+        args.against = Some(folder.path().join("a.exr"));
+        let errors = render_scene(&args, 1).unwrap().errors.unwrap();
+        assert_eq!((errors.rmse, errors.flip), (0.0, 0.0));
+        args.samples = Some(64);
+        assert!(render_scene(&args, 1).unwrap().errors.unwrap().rmse > 0.0);
+        let variance = Picture::read_exr(&folder.path().join("v.exr")).unwrap();
+        assert!(variance.pixels.iter().any(|v| v.x > 0.0));
+    }
+
+    #[test]
+    fn an_animation_writes_a_numbered_picture_a_frame() {
+        let folder = tempfile::tempdir().unwrap();
+        let mut args = args(folder.path(), Method::Reference, &["f-##.png"]);
+        args.samples = Some(1);
+        assert!(render_scene(&args, 1).unwrap_err().to_string().contains("no animation"));
+        args.scene = "studio-ball".into();
+        (args.width, args.height) = (Some(8), Some(6));
+        let outcome = render_scene(&args, 1).unwrap();
+        assert_eq!((outcome.written.len(), outcome.rendering.picture.height), (24, 6));
+        assert!(folder.path().join("f-00.png").exists() && folder.path().join("f-23.png").exists());
     }
 
     #[test]

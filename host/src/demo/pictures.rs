@@ -9,7 +9,7 @@ use glam::Vec2;
 use super::page::Rendered;
 use crate::error::{Kind, Result};
 use crate::reflectance::SbrdfMap;
-use crate::render::{Rendering, lights, reference};
+use crate::render::{Renderer, Rendering, lights, reference};
 use crate::report::Report;
 use crate::scene::{Background, Material, Scene, showcase};
 
@@ -31,18 +31,18 @@ pub fn render(
     let map = Arc::new(map.clone());
     let [cloth, ball] = TILING.map(|tiling| Material::map(map.clone(), tiling));
     let scene = showcase::showcase(cloth, ball, width, height);
-    let settings = reference::Settings { samples, seed };
-    let rendering = report.stage("render reference", || reference::render(&scene, &settings))?;
+    let settings = reference::Settings { samples, seed, ..Default::default() };
+    let rendering = report.stage("render reference", || settings.render(&scene, &scene.camera))?;
     report.figure("reference_rays_per_second", rendering.cost.rays as f64 / rendering.cost.render_seconds);
     let caption = format!(
-        "The fitted material on a cloth and a ball in a studio environment with two lights: path-traced direct \
-         light on the CPU, {samples} samples a pixel, {:.1} s.",
+        "The fitted material on a cloth and a ball in a studio environment with two lights: path-traced on \
+         the CPU, {samples} samples a pixel, {:.1} s.",
         rendering.cost.render_seconds
     );
     let mut pictures = vec![finish("reference", caption, &rendering, &scene, folder)?];
 
     let scene = lights_only(scene);
-    match report.stage("render lights", || lights::render(&scene, &lights::Settings::default())) {
+    match report.stage("render lights", || lights::Settings::default().render(&scene, &scene.camera)) {
         Ok(rendering) => {
             let adapter = rendering.adapter.clone().unwrap_or_default();
             let milliseconds = 1e3 * rendering.cost.render_seconds;

@@ -1,15 +1,16 @@
 //! A scene's triangles in the world, with the tree that finds the one a ray hits and the frame at that point.
 
+use std::ops::Range;
 use std::time::Duration;
 
-use glam::{Vec2, Vec3, Vec3A};
+use glam::{Affine3A, Mat3A, Vec2, Vec3, Vec3A};
 use obvhs::BvhBuildParams;
 use obvhs::cwbvh::{CwBvh, builder::build_cwbvh_from_tris};
 use obvhs::ray::{Ray, RayHit};
 use obvhs::rt_triangle::RtTriangle;
 use obvhs::triangle::Triangle;
 
-use crate::scene::{Mesh, Scene, Vertex};
+use crate::scene::{Light, Mesh, Scene, Vertex, shapes};
 
 /// The least cosine between the shading normal and the view: a normal that points away from the viewer is bent to it,
 /// else the rims of smooth meshes turn black.
@@ -19,7 +20,7 @@ pub(crate) const LEAST_COSINE: f32 = 0.01;
 pub(crate) struct Geometry {
     vertices: Vec<Vertex>,
     triangles: Vec<[u32; 3]>,
-    /// Object a triangle.
+    /// Object a triangle; rectangular lights come after the scene's objects.
     objects: Vec<u32>,
     bvh: CwBvh,
     /// Triangles in the tree's order, ready to intersect.
@@ -49,7 +50,7 @@ pub(crate) struct Surface {
     pub(crate) frame: [Vec3; 3],
     /// Texture coordinates.
     pub(crate) uv: Vec2,
-    /// Index into the scene's objects.
+    /// Index into the scene's objects, or beyond them a rectangular light.
     pub(crate) object: u32,
 }
 
@@ -67,17 +68,36 @@ impl Surface {
     }
 }
 
+/// A scene's meshes in the world, then its rectangular lights, as one mesh with each one's run of triangles.
+pub(crate) fn joined(scene: &Scene) -> (Mesh, Vec<Range<u32>>) {
+    let mut joined = Mesh::default();
+    let mut runs = Vec::new();
+    let mut add = |mesh: Mesh| {
+        let (first, start) = (joined.vertices.len() as u32, joined.triangles.len() as u32);
+        joined.vertices.extend(mesh.vertices);
+        joined.triangles.extend(mesh.triangles.iter().map(|t| t.map(|i| i + first)));
+        runs.push(start..joined.triangles.len() as u32);
+    };
+    for object in &scene.objects {
+        add(object.mesh.transformed(&object.transform));
+    }
+    for light in &scene.lights {
+        if let Light::Rectangle { centre, edges: [u, v], .. } = *light {
+            // The plane of `shapes` is −1..1 with x to the right, z towards the viewer and +y as its front.
+            let matrix = Mat3A::from_cols((u / 2.0).into(), u.cross(v).into(), (-v / 2.0).into());
+            add(shapes::plane(1).transformed(&Affine3A { matrix3: matrix, translation: centre.into() }));
+        }
+    }
+    (joined, runs)
+}
+
 impl Geometry {
     /// Places the scene's meshes in the world and builds the tree.
     pub(crate) fn new(scene: &Scene) -> Self {
-        let mut joined = Mesh::default();
-        let mut objects = Vec::new();
-        for (index, object) in scene.objects.iter().enumerate() {
-            let mesh = object.mesh.transformed(&object.transform);
-            let first = joined.vertices.len() as u32;
-            joined.vertices.extend(mesh.vertices);
-            joined.triangles.extend(mesh.triangles.iter().map(|t| t.map(|i| i + first)));
-            objects.resize(joined.triangles.len(), index as u32);
+        let (joined, runs) = joined(scene);
+        let mut objects = Vec::with_capacity(joined.triangles.len());
+        for (index, run) in (0u32..).zip(&runs) {
+            objects.resize(run.end as usize, index);
         }
         let corner = |i: u32| Vec3A::from(joined.vertices[i as usize].position);
         let triangles: Vec<Triangle> = joined
@@ -112,10 +132,36 @@ impl Geometry {
             .then(|| Hit { triangle: self.bvh.primitive_indices[hit.primitive_id as usize], distance: hit.t })
     }
 
-    /// Whether anything lies between a surface point and `distance` along a unit direction.
+    /// Where rays that leave a surface start.
+    pub(crate) fn leaving(&self, surface: &Surface) -> Vec3 {
+        surface.shadow_origin + surface.geometric * self.offset
+    }
+
+    /// The object of a hit, or beyond the scene's objects a rectangular light.
+    pub(crate) fn object(&self, hit: &Hit) -> u32 {
+        self.objects[hit.triangle as usize]
+    }
+
+    /// Whether a ray meets the side of a triangle that its winding makes the front.
+    pub(crate) fn front(&self, hit: &Hit, direction: Vec3) -> bool {
+        let [a, b, c] = self.triangles[hit.triangle as usize].map(|i| self.vertices[i as usize].position);
+        (b - a).cross(c - a).dot(direction) < 0.0
+    }
+
+    /// Bytes held.
+    pub(crate) fn bytes(&self) -> usize {
+        size_of_val(&self.vertices[..])
+            + size_of_val(&self.triangles[..])
+            + size_of_val(&self.objects[..])
+            + size_of_val(&self.leaves[..])
+            + size_of_val(&self.bvh.nodes[..])
+            + size_of_val(&self.bvh.primitive_indices[..])
+    }
+
+    /// Whether anything lies between a surface point and just before `distance` along a unit direction.
     pub(crate) fn occluded(&self, surface: &Surface, direction: Vec3, distance: f32) -> bool {
-        let origin = surface.shadow_origin + surface.geometric * self.offset;
-        let ray = Ray::new(origin.into(), direction.into(), 0.0, distance);
+        let reach = distance - 3.0 * self.offset - distance.min(f32::MAX) * 1e-5;
+        let ray = Ray::new(self.leaving(surface).into(), direction.into(), 0.0, reach);
         !self.bvh.ray_traverse_miss(ray, |ray, id| intersect(&self.leaves[id], ray))
     }
 
@@ -137,21 +183,28 @@ impl Geometry {
             value(corners[0]) * weights[0] + value(corners[1]) * weights[1] + value(corners[2]) * weights[2]
         };
         let position = a + ab * wb + ac * wc;
-        let side = if cross.dot(direction) <= 0.0 { 1.0 } else { -1.0 };
-        let normal = blend(|v| v.normal) * side;
+        let geometric = cross.normalize_or_zero() * if cross.dot(direction) <= 0.0 { 1.0 } else { -1.0 };
+        // The side is told by where the viewer stands, not by the triangle's winding, which files get wrong.
+        let side = |normal: Vec3| if normal.dot(geometric) < 0.0 { -1.0 } else { 1.0 };
+        let outward = blend(|v| v.normal);
         let uv = corners[0].uv * weights[0] + corners[1].uv * weights[1] + corners[2].uv * weights[2];
 
         // Lifting to the vertices' tangent planes keeps the terminator of smooth meshes free of their facets.
         let mut lift = Vec3::ZERO;
         for (vertex, weight) in corners.into_iter().zip(weights) {
-            let outward = vertex.normal * side;
-            lift -= outward * ((position - vertex.position).dot(outward).min(0.0) * weight);
+            let normal = vertex.normal * side(vertex.normal);
+            lift -= normal * ((position - vertex.position).dot(normal).min(0.0) * weight);
         }
         Surface {
             position,
             shadow_origin: position + lift,
-            geometric: cross.normalize_or_zero() * side,
-            frame: shading_frame(normal, blend(|v| v.tangent), corners[0].handedness * side, -direction),
+            geometric,
+            frame: shading_frame(
+                outward * side(outward),
+                blend(|v| v.tangent),
+                corners[0].handedness * side(outward),
+                -direction,
+            ),
             uv,
             object: self.objects[hit.triangle as usize],
         }

@@ -66,6 +66,27 @@ impl Picture {
         }
     }
 
+    /// Reads an OpenEXR picture; coverage is 1 where it has no alpha.
+    ///
+    /// # Errors
+    /// Input errors for a file that is missing or has no channels R, G and B.
+    pub fn read_exr(path: &Path) -> Result<Self> {
+        let image = exr::prelude::read_first_rgba_layer_from_file(
+            path,
+            |size, _| (size.width(), vec![Vec4::ZERO; size.width() * size.height()]),
+            |(width, pixels), position, (r, g, b, a): (f32, f32, f32, f32)| {
+                pixels[position.y() * *width + position.x()] = Vec4::new(r, g, b, a);
+            },
+        )
+        .map_err(|error| Error::reading(path, error))?;
+        let size = image.layer_data.size;
+        Ok(Self {
+            width: size.width(),
+            height: size.height(),
+            pixels: image.layer_data.channel_data.pixels.1,
+        })
+    }
+
     /// Linear OpenEXR.
     fn write_exr(&self, path: &Path) -> Result<()> {
         let temporary = files::temporary_name(path);

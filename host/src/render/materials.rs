@@ -5,7 +5,7 @@ use glam::{Vec2, Vec3};
 
 use super::math;
 use crate::reflectance::{Lobe, LobeBrdf, Rgb, colour};
-use crate::scene::{Filter, Reflectance, Scene};
+use crate::scene::{Filter, Light, Reflectance, Scene};
 
 /// Lobes whose value would fall below 2^−40 of ρ_s are skipped.
 const NEGLIGIBLE_LOG2: f32 = -40.0;
@@ -50,9 +50,13 @@ pub(crate) struct PackedMaterial {
     /// Repeats along u and v.
     pub(crate) tiling: [f32; 2],
     padding: [u32; 2],
+    /// Radiance of a rectangular light's front; zero for objects.
+    pub(crate) emission: [f32; 3],
+    /// 1 for a rectangular light.
+    pub(crate) emits: u32,
 }
 
-/// All materials of a scene, one a scene object.
+/// All materials of a scene: one an object, then one a rectangular light.
 pub(crate) struct Materials {
     pub(crate) materials: Vec<PackedMaterial>,
     pub(crate) texels: Vec<PackedTexel>,
@@ -82,7 +86,25 @@ impl Materials {
                 bilinear: u32::from(object.material.filter == Filter::Bilinear && (width, height) != (1, 1)),
                 tiling: object.material.tiling.to_array(),
                 padding: [0; 2],
+                emission: [0.0; 3],
+                emits: 0,
             });
+        }
+        for light in &scene.lights {
+            if let Light::Rectangle { radiance, .. } = light {
+                let first = packed.texels.len() as u32;
+                packed.push(&LobeBrdf::default());
+                packed.materials.push(PackedMaterial {
+                    first,
+                    width: 1,
+                    height: 1,
+                    bilinear: 0,
+                    tiling: [1.0; 2],
+                    padding: [0; 2],
+                    emission: radiance.to_array(),
+                    emits: 1,
+                });
+            }
         }
         packed
     }
@@ -146,6 +168,17 @@ impl Materials {
         material.first + (y.rem_euclid(height) * width + x.rem_euclid(width)) as u32
     }
 
+    /// Radiance of a rectangular light's front; `None` for a scene object.
+    pub(crate) fn emission(&self, object: u32) -> Option<Rgb> {
+        let material = &self.materials[object as usize];
+        (material.emits != 0).then(|| Rgb::from_array(material.emission))
+    }
+
+    /// Bytes held.
+    pub(crate) fn bytes(&self) -> usize {
+        size_of_val(&self.materials[..]) + size_of_val(&self.texels[..]) + size_of_val(&self.lobes[..])
+    }
+
     /// The lobes of a texel.
     pub(crate) fn lobes_of(&self, texel: u32) -> &[PackedLobe] {
         let texel = &self.texels[texel as usize];
@@ -194,7 +227,9 @@ pub(crate) struct Aimed {
 
 /// A texel's BRDF for a fixed exitant direction, ready for many incident ones.
 pub(crate) struct Shader {
-    rho_d: Rgb,
+    /// Diffuse reflectance, sr⁻¹.
+    pub(crate) rho_d: Rgb,
+    /// The lobes that reach the viewer.
     pub(crate) lobes: Vec<Aimed>,
     /// Probability of the cosine-weighted sampling of the diffuse term.
     pub(crate) diffuse_share: f32,

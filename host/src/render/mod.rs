@@ -1,10 +1,15 @@
-//! Renderers. Every one takes a [`Scene`] and gives a [`Rendering`]: a linear picture with what it cost.
+//! Renderers. Each is a [`Renderer`]: it makes a [`Scene`] ready once, then gives a [`Rendering`] of any view, a linear
+//! picture with what it cost. [`compare`] tells how far a picture is from the reference's.
 //!
 //! | method | light | where |
 //! |---|---|---|
-//! | `reference` | point, directional, environment; shadows | CPU |
-//! | `lights` | point, directional (6.9); no shadows | GPU |
+//! | `reference` | all lights, environment, shadows, interreflection | CPU |
+//! | `environment` | environment by prefiltered maps (6.13)–(6.18), lights as in `lights`; no shadows | CPU |
+//! | `lights` | point, directional, rectangular as points (6.9); no shadows | GPU |
 
+pub mod compare;
+pub mod environment;
+mod flip;
 mod geometry;
 pub mod gpu;
 mod image;
@@ -12,33 +17,93 @@ pub mod lights;
 mod materials;
 mod math;
 pub mod reference;
+mod sampler;
 mod shading;
+
+use glam::Vec3;
 
 pub use image::{Picture, PictureKind, picture_kind};
 
-use crate::error::Result;
-use crate::scene::Scene;
+use crate::error::{Kind, Result};
+use crate::scene::{Camera, Scene};
+
+/// One way to render, with its settings.
+pub trait Renderer {
+    /// Does for a scene what is the same for every view: trees, tables, uploads, prefiltering.
+    ///
+    /// # Errors
+    /// Input errors for a scene that [`Scene::check`] refuses; failures of the device.
+    fn prepare<'a>(&self, scene: &'a Scene) -> Result<Box<dyn Prepared + 'a>>;
+
+    /// Renders one view of a scene.
+    ///
+    /// # Errors
+    /// Those of [`Self::prepare`] and [`Prepared::view`].
+    fn render(&self, scene: &Scene, view: &Camera) -> Result<Rendering> {
+        self.prepare(scene)?.view(view)
+    }
+}
+
+/// A scene that one method has made ready.
+pub trait Prepared {
+    /// Renders one view.
+    ///
+    /// # Errors
+    /// Input errors for a view that [`Camera::check`] refuses; failures of the device.
+    fn view(&self, view: &Camera) -> Result<Rendering>;
+}
 
 /// A picture and its cost.
 #[derive(Debug, Clone)]
 pub struct Rendering {
     /// Linear radiance and coverage.
     pub picture: Picture,
+    /// Variance of every pixel's mean, an upper estimate, where the method has one.
+    pub variance: Option<Vec<Vec3>>,
     /// What it took.
     pub cost: Cost,
     /// The GPU that drew it; `None` for the CPU.
     pub adapter: Option<String>,
 }
 
+impl Rendering {
+    /// The relative RMSE ([`compare::Errors`]) that the variance lets expect, where the method estimates it.
+    pub fn estimated_error(&self) -> Option<f64> {
+        let means = self.picture.pixels.iter().map(|pixel| pixel.truncate());
+        self.variance.as_ref().map(|variance| compare::expected_relative_rmse(means, variance))
+    }
+}
+
 /// What a rendering took.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Cost {
-    /// Seconds before the first pixel: trees, tables, uploads, pipelines.
+    /// Seconds for what is the same for every view: trees, tables, uploads, pipelines.
     pub prepare_seconds: f64,
-    /// Seconds for the pixels.
+    /// Seconds for the view.
     pub render_seconds: f64,
+    /// Bytes that the method holds for the scene and the view, on the CPU and the GPU.
+    pub memory_bytes: u64,
+    /// Samples a pixel.
+    pub samples: u32,
     /// Rays cast; 0 for a raster.
     pub rays: u64,
+    /// Draw calls; 0 for rays.
+    pub draws: u32,
+}
+
+impl Cost {
+    /// The cost of this and another view of the same scene made ready.
+    #[must_use]
+    pub fn and(&self, view: &Self) -> Self {
+        Self {
+            prepare_seconds: view.prepare_seconds,
+            render_seconds: self.render_seconds + view.render_seconds,
+            memory_bytes: self.memory_bytes.max(view.memory_bytes),
+            samples: view.samples,
+            rays: self.rays + view.rays,
+            draws: self.draws + view.draws,
+        }
+    }
 }
 
 /// The methods by their names on the command line.
@@ -46,44 +111,44 @@ pub struct Cost {
 pub enum Method {
     /// `lights` when there is a GPU and no environment to light the scene, else `reference`.
     Auto,
-    /// Rays on the CPU.
+    /// Path tracer on the CPU.
     Reference,
     /// Raster on the GPU.
     Lights,
+    /// Prefiltered environment maps on the CPU.
+    Environment,
 }
 
-/// A rendering, the method that made it, and why another was passed over.
-#[derive(Debug)]
-pub struct Chosen {
-    /// The picture and its cost.
-    pub rendering: Rendering,
+/// A scene made ready, the method that did, and why another was passed over.
+pub struct Chosen<'a> {
+    /// Ready to render views.
+    pub prepared: Box<dyn Prepared + 'a>,
     /// Never [`Method::Auto`].
     pub method: Method,
     /// Why `auto` did not use the GPU.
     pub note: Option<String>,
 }
 
-/// Renders by the method named; `auto` falls back to the CPU and says why.
+/// Makes a scene ready by the method named; `auto` falls back to the CPU and says why.
 ///
 /// # Errors
 /// Those of the method; `lights` without a GPU is a failure, `auto` is not.
-pub fn render(scene: &Scene, method: Method, settings: &reference::Settings) -> Result<Chosen> {
-    let reference = |note| {
-        let rendering = reference::render(scene, settings)?;
-        Ok(Chosen { rendering, method: Method::Reference, note })
-    };
+pub fn prepare<'a>(scene: &'a Scene, method: Method, settings: &reference::Settings) -> Result<Chosen<'a>> {
+    let reference = |note| Ok(Chosen { prepared: settings.prepare(scene)?, method: Method::Reference, note });
+    let lights = || lights::Settings::default().prepare(scene);
     match method {
         Method::Reference => reference(None),
-        Method::Lights => {
-            let rendering = lights::render(scene, &lights::Settings::default())?;
-            Ok(Chosen { rendering, method: Method::Lights, note: None })
+        Method::Environment => {
+            let settings = environment::Settings { seed: settings.seed, ..Default::default() };
+            Ok(Chosen { prepared: settings.prepare(scene)?, method, note: None })
         }
+        Method::Lights => Ok(Chosen { prepared: lights()?, method, note: None }),
         Method::Auto if scene.environment.is_some() => {
             reference(Some("the scene has an environment, which `lights` does not render".into()))
         }
-        Method::Auto => match lights::render(scene, &lights::Settings::default()) {
-            Ok(rendering) => Ok(Chosen { rendering, method: Method::Lights, note: None }),
-            Err(error) if error.kind() == crate::error::Kind::Input => Err(error),
+        Method::Auto => match lights() {
+            Ok(prepared) => Ok(Chosen { prepared, method: Method::Lights, note: None }),
+            Err(error) if error.kind() == Kind::Input => Err(error),
             Err(error) => reference(Some(error.to_string())),
         },
     }

@@ -17,13 +17,21 @@
 //! [[object]]
 //! mesh = "drape"                        # sphere, plane, backdrop, drape, or a .gltf, .glb, .obj or .ply file
 //! [object.material]
-//! map = "weave.exr"                     # or published = "clay", or albedo, rho_d, beta_deg and lobes
+//! map = "weave.exr"                     # or published = "clay", or weave or check = ["clay", "felt"],
+//!                                       # or albedo, rho_d, beta_deg and lobes
 //! tiling = [4.0, 4.0]
 //!
 //! [[light]]
 //! kind = "directional"
 //! toward = [0.3, 1.0, 0.5]
 //! irradiance = [2.0, 2.0, 2.0]
+//!
+//! [animation]                           # lobelia render scene.toml -o frame-###.png
+//! frames = 48
+//! closed = true                         # goes on from the last key to the first
+//! [[animation.key]]
+//! position = [0.0, 1.2, 4.0]
+//! target = [0.0, 0.6, 0.0]
 //! ```
 
 use std::path::Path;
@@ -33,7 +41,8 @@ use glam::{Affine3A, EulerRot, Quat, Vec2, Vec3};
 use serde::Deserialize;
 
 use super::{
-    Background, Camera, Environment, Filter, Light, Material, Mesh, Object, Reflectance, Scene, shapes,
+    Animation, Background, Camera, Environment, Filter, Light, Material, Mesh, Object, Reflectance, Scene,
+    shapes, shipped, showcase,
 };
 use crate::error::{Error, Result};
 use crate::reflectance::{Lobe, LobeBrdf, Rgb, SbrdfMap, colour, materials};
@@ -51,6 +60,25 @@ struct SceneFile {
     object: Vec<ObjectFile>,
     #[serde(default)]
     light: Vec<LightFile>,
+    animation: Option<AnimationFile>,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct AnimationFile {
+    frames: u32,
+    #[serde(default)]
+    closed: bool,
+    #[serde(default)]
+    key: Vec<KeyFile>,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct KeyFile {
+    position: Vec3,
+    target: Vec3,
+    fov_deg: Option<f32>,
 }
 
 #[derive(Deserialize)]
@@ -97,6 +125,8 @@ struct ObjectFile {
 struct MaterialFile {
     map: Option<String>,
     published: Option<String>,
+    weave: Option<[String; 2]>,
+    check: Option<[String; 2]>,
     albedo: Option<Rgb>,
     rho_d: Option<Rgb>,
     #[serde(default)]
@@ -123,6 +153,9 @@ struct LightFile {
     irradiance: Option<Rgb>,
     position: Option<Vec3>,
     intensity: Option<Rgb>,
+    centre: Option<Vec3>,
+    edges: Option<[Vec3; 2]>,
+    radiance: Option<Rgb>,
 }
 
 fn one() -> f32 {
@@ -152,6 +185,25 @@ impl Scene {
         let folder = path.parent().unwrap_or(Path::new(""));
         build(file, folder).map_err(|error| error.at(path.display()))
     }
+
+    /// Reads a scene file, or a scene of [`shipped`] by its name.
+    ///
+    /// # Errors
+    /// As [`Self::read`]; a name that is neither is refused with the list of names.
+    pub fn open(name: &Path) -> Result<Self> {
+        if name.extension().is_some() || name.exists() {
+            return Self::read(name);
+        }
+        let text = name.to_str().unwrap_or_default();
+        let file = shipped::find(text).ok_or_else(|| {
+            Error::input(format!(
+                "there is no scene \"{}\"; name a .toml file or one of {}",
+                name.display(),
+                either(&shipped::SCENES.map(|scene| scene.0))
+            ))
+        })?;
+        build(toml_file::parse(file, text)?, Path::new("")).map_err(|error| error.at(text))
+    }
 }
 
 /// Turns the parsed file into a checked scene.
@@ -173,17 +225,30 @@ fn build(file: SceneFile, folder: &Path) -> Result<Scene> {
     for (index, entry) in file.light.iter().enumerate() {
         lights.push(light(entry).map_err(|error| error.at(format!("light {index}")))?);
     }
+    let camera = Camera { position, target, up, fov: fov_deg.to_radians(), width, height };
+    let animation = file.animation.map(|path| Animation {
+        frames: path.frames,
+        closed: path.closed,
+        keys: path.key.iter().map(|key| key_view(key, &camera)).collect(),
+    });
     let environment = file.environment.map(|entry| environment(&entry, folder)).transpose();
     let scene = Scene {
         objects,
         lights,
         environment: environment.map_err(|error| error.at("environment"))?,
         background: background(file.background.as_deref())?,
-        camera: Camera { position, target, up, fov: fov_deg.to_radians(), width, height },
+        camera,
+        animation,
         exposure: file.exposure,
     };
     scene.check()?;
     Ok(scene)
+}
+
+/// The camera at a key of its path.
+fn key_view(key: &KeyFile, camera: &Camera) -> Camera {
+    let fov = key.fov_deg.map_or(camera.fov, f32::to_radians);
+    Camera { position: key.position, target: key.target, fov, ..*camera }
 }
 
 /// A procedural shape by name, or a file.
@@ -204,11 +269,17 @@ fn mesh(name: &str, folder: &Path) -> Result<Mesh> {
 /// The material of exactly one kind.
 fn material(entry: &MaterialFile, folder: &Path) -> Result<Material> {
     let inline = entry.albedo.is_some() || entry.rho_d.is_some() || !entry.lobes.is_empty();
-    let kinds =
-        usize::from(entry.map.is_some()) + usize::from(entry.published.is_some()) + usize::from(inline);
-    if kinds != 1 || (entry.albedo.is_some() && entry.rho_d.is_some()) {
+    let named = [
+        entry.map.is_some(),
+        entry.published.is_some(),
+        entry.weave.is_some(),
+        entry.check.is_some(),
+        inline,
+    ];
+    if named.iter().filter(|&&named| named).count() != 1 || (entry.albedo.is_some() && entry.rho_d.is_some())
+    {
         return Err(Error::input(
-            "name exactly one of map, published, or coefficients (albedo or rho_d, beta_deg, lobes)",
+            "name exactly one of map, published, weave, check, or coefficients (albedo or rho_d, beta_deg, lobes)",
         ));
     }
     let reflectance = if let Some(file) = &entry.map {
@@ -216,12 +287,11 @@ fn material(entry: &MaterialFile, folder: &Path) -> Result<Material> {
         let map = SbrdfMap::read_exr(&path).map_err(|error| Error::reading(&path, error).at("key map"))?;
         Reflectance::Map(Arc::new(map))
     } else if let Some(name) = &entry.published {
-        Reflectance::Uniform(materials::published(name).ok_or_else(|| {
-            Error::input(format!(
-                "key published: there is no material \"{name}\"; use one of {}",
-                either(&materials::NAMES)
-            ))
-        })?)
+        Reflectance::Uniform(published(name)?)
+    } else if let Some([warp, weft]) = &entry.weave {
+        Reflectance::Map(Arc::new(showcase::weave(&published(warp)?, &published(weft)?, 16)))
+    } else if let Some([first, second]) = &entry.check {
+        Reflectance::Map(Arc::new(showcase::check(&published(first)?, &published(second)?, 2, 32)))
     } else {
         let mut brdf = LobeBrdf::diffuse(entry.albedo.unwrap_or(Rgb::ZERO));
         brdf.rho_d = entry.rho_d.unwrap_or(brdf.rho_d);
@@ -243,22 +313,37 @@ fn material(entry: &MaterialFile, folder: &Path) -> Result<Material> {
     })
 }
 
+/// A published material by name.
+fn published(name: &str) -> Result<LobeBrdf> {
+    materials::published(name).ok_or_else(|| {
+        Error::input(format!("there is no material \"{name}\"; use one of {}", either(&materials::NAMES)))
+    })
+}
+
 /// A light of a known kind with the keys of that kind and no others.
 fn light(entry: &LightFile) -> Result<Light> {
     let wrong = |needs: &str| Error::input(format!("a {} light has the keys {needs}, no others", entry.kind));
-    match (entry.kind.as_str(), entry.toward, entry.irradiance, entry.position, entry.intensity) {
-        ("directional", Some(toward), Some(irradiance), None, None) => {
+    let vectors = (entry.toward, entry.position, entry.centre, entry.edges);
+    let powers = (entry.irradiance, entry.intensity, entry.radiance);
+    match (entry.kind.as_str(), vectors, powers) {
+        ("directional", (Some(toward), None, None, None), (Some(irradiance), None, None)) => {
             let toward = toward
                 .try_normalize()
                 .ok_or_else(|| Error::input("key toward: the direction has no length"))?;
             Ok(Light::Directional { toward, irradiance })
         }
-        ("point", None, None, Some(position), Some(intensity)) => Ok(Light::Point { position, intensity }),
+        ("point", (None, Some(position), None, None), (None, Some(intensity), None)) => {
+            Ok(Light::Point { position, intensity })
+        }
+        ("rectangle", (None, None, Some(centre), Some(edges)), (None, None, Some(radiance))) => {
+            Ok(Light::Rectangle { centre, edges, radiance })
+        }
         ("directional", ..) => Err(wrong("toward and irradiance")),
         ("point", ..) => Err(wrong("position and intensity")),
+        ("rectangle", ..) => Err(wrong("centre, edges and radiance")),
         (other, ..) => Err(Error::input(format!(
             "key kind: there is no light \"{other}\"; use one of {}",
-            either(&["directional", "point"])
+            either(&["directional", "point", "rectangle"])
         ))),
     }
 }
@@ -326,10 +411,12 @@ mod tests {
             [[object]]\nmesh = \"plane\"\n[object.material]\nalbedo = [0.5, 0.5, 0.5]\n\
             lobes = [{{ rho_s = [0.1, 0.1, 0.1], c = [-1, -1, 1], n = 20 }}]\n\
             [[light]]\nkind = \"directional\"\ntoward = [0, 2, 0]\nirradiance = [1, 1, 1]\n\
-            [[light]]\nkind = \"point\"\nposition = [0, 2, 0]\nintensity = [1, 1, 1]\n"
+            [[light]]\nkind = \"point\"\nposition = [0, 2, 0]\nintensity = [1, 1, 1]\n\
+            [[light]]\nkind = \"rectangle\"\ncentre = [0, 2, 0]\nedges = [[1, 0, 0], [0, 0, 1]]\n\
+            radiance = [1, 1, 1]\n"
         ))
         .unwrap();
-        assert_eq!((scene.objects.len(), scene.lights.len()), (2, 2));
+        assert_eq!((scene.objects.len(), scene.lights.len()), (2, 3));
         assert_eq!(scene.background, Background::Colour(Rgb::ONE));
         assert_eq!(scene.lights[0], Light::Directional { toward: Vec3::Y, irradiance: Rgb::ONE });
         assert_eq!(scene.objects[0].transform.transform_point3(Vec3::X), Vec3::new(3.0, 0.0, 0.0));
@@ -345,6 +432,10 @@ mod tests {
             ("[[object]]\nmesh = \"plane\"\nmaterial.published = \"silk\"\n", vec!["silk", "brushed-metal"]),
             ("[[light]]\nkind = \"spot\"\n", vec!["light 0", "spot", "directional"]),
             ("[[light]]\nkind = \"point\"\ntoward = [0, 1, 0]\n", vec!["light 0", "position and intensity"]),
+            (
+                "[[light]]\nkind = \"rectangle\"\ncentre = [0, 1, 0]\nedges = [[1, 0, 0], [1, 1, 0]]\nradiance = [1, 1, 1]\n",
+                vec!["light 0", "perpendicular"],
+            ),
             ("[environment]\nbuiltin = \"cave\"\n", vec!["environment", "cave", "sky"]),
             ("[environment]\nrotation = 3\n", vec!["line 8", "unknown key `rotation`", "`rotation_deg`"]),
             (

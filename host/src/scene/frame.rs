@@ -6,6 +6,7 @@ use std::collections::HashMap;
 use glam::{Vec2, Vec3};
 
 use super::mesh::{Mesh, RawMesh, Vertex};
+use super::winding;
 
 /// The unit vector nearest to `along` that is perpendicular to `normal`; any perpendicular one when they are parallel.
 pub(crate) fn perpendicular(along: Vec3, normal: Vec3) -> Vec3 {
@@ -22,6 +23,7 @@ pub(crate) fn perpendicular(along: Vec3, normal: Vec3) -> Vec3 {
 /// See [`Mesh::from_raw`], which has checked the indices.
 pub(crate) fn complete(mut raw: RawMesh) -> Mesh {
     if raw.normals.is_empty() {
+        winding::unify(&mut raw.triangles);
         raw.normals = smooth_normals(&raw.positions, &raw.triangles);
     }
     if raw.uvs.is_empty() {

@@ -2,6 +2,7 @@
 //!
 //! World axes are right-handed with +y up, as in glTF. Lengths are in any one unit; lights and meshes share it.
 
+pub mod animation;
 pub mod environment;
 mod environment_file;
 pub mod file;
@@ -9,12 +10,15 @@ mod frame;
 mod import;
 pub mod mesh;
 pub mod shapes;
+pub mod shipped;
 pub mod showcase;
+mod winding;
 
 use std::sync::Arc;
 
 use glam::{Affine3A, Vec2, Vec3};
 
+pub use animation::Animation;
 pub use environment::Environment;
 pub use mesh::{Mesh, Vertex};
 
@@ -26,7 +30,7 @@ use crate::reflectance::{LobeBrdf, Rgb, SbrdfMap};
 pub struct Scene {
     /// Meshes with their places and materials.
     pub objects: Vec<Object>,
-    /// Point and directional lights.
+    /// Point, directional and rectangular lights.
     pub lights: Vec<Light>,
     /// Distant radiance from every direction.
     pub environment: Option<Environment>,
@@ -34,6 +38,8 @@ pub struct Scene {
     pub background: Background,
     /// The view.
     pub camera: Camera,
+    /// A path of the camera.
+    pub animation: Option<Animation>,
     /// Factor on radiance before a picture is tone-mapped; linear outputs ignore it.
     pub exposure: f32,
 }
@@ -82,7 +88,7 @@ pub enum Filter {
     Bilinear,
 }
 
-/// A light without extent.
+/// A light.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Light {
     /// A light infinitely far away.
@@ -98,6 +104,16 @@ pub enum Light {
         position: Vec3,
         /// Radiant intensity: irradiance times the square of the distance in scene units.
         intensity: Rgb,
+    },
+    /// A rectangle that shines evenly and diffusely to the side that edges\[0\] × edges\[1\] points to. It is seen, black
+    /// from behind, and casts shadows.
+    Rectangle {
+        /// Its middle.
+        centre: Vec3,
+        /// Two sides, perpendicular to each other.
+        edges: [Vec3; 2],
+        /// Radiance of its front.
+        radiance: Rgb,
     },
 }
 
@@ -133,6 +149,58 @@ impl Camera {
         let forward = (self.target - self.position).normalize();
         let right = forward.cross(self.up).normalize();
         [right, right.cross(forward), forward]
+    }
+
+    /// Refuses an empty picture and a view without direction.
+    ///
+    /// # Errors
+    /// Input errors that name the key.
+    pub fn check(&self) -> Result<()> {
+        let Self { position, target, up, fov, width, height } = *self;
+        if width == 0 || height == 0 || width > 16384 || height > 16384 {
+            return Err(Error::input(format!(
+                "camera: width and height are {width} × {height}; use 1 to 16384"
+            )));
+        }
+        // NaN and infinity show in the product too.
+        let spread = (target - position).cross(up).length();
+        if !spread.is_finite() || spread == 0.0 {
+            return Err(Error::input(
+                "camera: position, target and up must be finite and not lie on one line",
+            ));
+        }
+        if !(fov > 0.0 && fov < std::f32::consts::PI) {
+            return Err(Error::input(format!(
+                "camera: fov_deg is {}; use more than 0 and less than 180",
+                fov.to_degrees()
+            )));
+        }
+        Ok(())
+    }
+}
+
+impl Light {
+    /// Refuses numbers that no renderer can work with.
+    fn check(&self) -> Result<()> {
+        let (places, power): (&[Vec3], Rgb) = match self {
+            Self::Directional { toward, irradiance } => (&[*toward], *irradiance),
+            Self::Point { position, intensity } => (&[*position], *intensity),
+            Self::Rectangle { centre, edges: [u, v], radiance } => (&[*centre, *u, *v], *radiance),
+        };
+        if places.iter().any(|v| !v.is_finite()) || !power.is_finite() || power.min_element() < 0.0 {
+            return Err(Error::input("numbers must be finite, its colour not negative"));
+        }
+        match self {
+            Self::Directional { toward, .. } if (toward.length() - 1.0).abs() > 1e-3 => {
+                Err(Error::input("toward must be a unit vector"))
+            }
+            Self::Rectangle { edges: [u, v], .. }
+                if u.cross(*v).length_squared() == 0.0 || u.normalize().dot(v.normalize()).abs() > 1e-3 =>
+            {
+                Err(Error::input("edges must have a length and be perpendicular to each other"))
+            }
+            _ => Ok(()),
+        }
     }
 }
 
@@ -190,24 +258,14 @@ impl Scene {
     /// # Errors
     /// Input errors that name the object, the light or the camera's key.
     pub fn check(&self) -> Result<()> {
-        let Camera { position, target, up, fov, width, height } = self.camera;
-        if width == 0 || height == 0 || width > 16384 || height > 16384 {
-            return Err(Error::input(format!(
-                "camera: width and height are {width} × {height}; use 1 to 16384"
-            )));
-        }
-        // NaN and infinity show in the product too.
-        let spread = (target - position).cross(up).length();
-        if !spread.is_finite() || spread == 0.0 {
-            return Err(Error::input(
-                "camera: position, target and up must be finite and not lie on one line",
-            ));
-        }
-        if !(fov > 0.0 && fov < std::f32::consts::PI) {
-            return Err(Error::input(format!(
-                "camera: fov_deg is {}; use more than 0 and less than 180",
-                fov.to_degrees()
-            )));
+        self.camera.check()?;
+        if let Some(animation) = &self.animation {
+            if animation.keys.len() < 2 || animation.frames == 0 {
+                return Err(Error::input("animation: there must be two keys and one frame at least"));
+            }
+            for (index, key) in animation.keys.iter().enumerate() {
+                key.check().map_err(|error| error.at(format!("animation: key {index}")))?;
+            }
         }
         if !(self.exposure.is_finite() && self.exposure > 0.0) {
             return Err(Error::input(format!("exposure is {}; use a positive number", self.exposure)));
@@ -223,18 +281,7 @@ impl Scene {
             object.material.check().map_err(|error| error.at(&place))?;
         }
         for (index, light) in self.lights.iter().enumerate() {
-            let (direction, power) = match light {
-                Light::Directional { toward, irradiance } => (*toward, *irradiance),
-                Light::Point { position, intensity } => (position + Vec3::X, *intensity),
-            };
-            if !direction.is_finite() || !power.is_finite() || power.min_element() < 0.0 {
-                return Err(Error::input(format!(
-                    "light {index}: numbers must be finite, its colour not negative"
-                )));
-            }
-            if matches!(light, Light::Directional { toward, .. } if (toward.length() - 1.0).abs() > 1e-3) {
-                return Err(Error::input(format!("light {index}: toward must be a unit vector")));
-            }
+            light.check().map_err(|error| error.at(format!("light {index}")))?;
         }
         Ok(())
     }

@@ -53,6 +53,7 @@ pub fn showcase(cloth: Material, ball: Material, width: u32, height: u32) -> Sce
             width,
             height,
         },
+        animation: None,
         exposure: 0.85,
     }
 }

@@ -2,13 +2,16 @@
 
 mod fit;
 mod python;
+mod render;
 
 use anyhow::{Result, bail};
 
 /// Runs the peers named, or all.
 pub(crate) fn task(mut arguments: impl Iterator<Item = String>) -> Result<()> {
     match arguments.next().as_deref() {
-        None | Some("fit") => fit::task(),
-        Some(other) => bail!("there is no peer `{other}`; use fit"),
+        Some("fit") => fit::task(),
+        Some("render") => render::task(),
+        None => fit::task().and_then(|()| render::task()),
+        Some(other) => bail!("there is no peer `{other}`; use fit or render"),
     }
 }

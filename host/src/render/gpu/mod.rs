@@ -157,21 +157,7 @@ impl Gpu {
             texture.size(),
         );
         self.queue.submit([encoder.finish()]);
-        let (sender, receiver) = std::sync::mpsc::channel();
-        buffer.map_async(wgpu::MapMode::Read, .., move |result| {
-            // The receiver is gone only when the wait below has failed, which is told already.
-            let _ = sender.send(result);
-        });
-        self.device
-            .poll(wgpu::PollType::wait_indefinitely())
-            .map_err(|error| fault("the picture cannot be waited for", error))?;
-        match receiver.try_recv() {
-            Ok(Ok(())) => {}
-            Ok(Err(error)) => return Err(fault("the picture cannot be read back", error)),
-            Err(_) => return Err(fault("the picture cannot be read back", "the device does not answer")),
-        }
-        let view =
-            buffer.get_mapped_range(..).map_err(|error| fault("the picture cannot be read back", error))?;
+        let view = self.mapped(&buffer)?;
         let rows = view.chunks_exact(stride as usize).map(|row| &row[..row_bytes as usize]);
         Ok(rows
             .flat_map(|row| row.chunks_exact(if half { 8 } else { 16 }))
@@ -190,6 +176,42 @@ impl Gpu {
                 }))
             })
             .collect())
+    }
+
+    /// Reads a storage buffer of four-channel floats back, after all work that was submitted.
+    ///
+    /// # Errors
+    /// A failure when the device is lost or out of memory.
+    pub(crate) fn read_buffer(&self, source: &wgpu::Buffer) -> Result<Vec<Vec4>> {
+        let buffer = self.device.create_buffer(&wgpu::BufferDescriptor {
+            label: Some("values"),
+            size: source.size(),
+            usage: wgpu::BufferUsages::COPY_DST | wgpu::BufferUsages::MAP_READ,
+            mapped_at_creation: false,
+        });
+        let mut encoder = self.device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
+        encoder.copy_buffer_to_buffer(source, 0, &buffer, 0, source.size());
+        self.queue.submit([encoder.finish()]);
+        let view = self.mapped(&buffer)?;
+        Ok(view.chunks_exact(16).map(bytemuck::pod_read_unaligned).collect())
+    }
+
+    /// Waits for a buffer that is to be read.
+    fn mapped(&self, buffer: &wgpu::Buffer) -> Result<wgpu::BufferView> {
+        let (sender, receiver) = std::sync::mpsc::channel();
+        buffer.map_async(wgpu::MapMode::Read, .., move |result| {
+            // The receiver is gone only when the wait below has failed, which is told already.
+            let _ = sender.send(result);
+        });
+        self.device
+            .poll(wgpu::PollType::wait_indefinitely())
+            .map_err(|error| fault("its work cannot be waited for", error))?;
+        match receiver.try_recv() {
+            Ok(Ok(())) => {}
+            Ok(Err(error)) => return Err(fault("its work cannot be read back", error)),
+            Err(_) => return Err(fault("its work cannot be read back", "the device does not answer")),
+        }
+        buffer.get_mapped_range(..).map_err(|error| fault("its work cannot be read back", error))
     }
 }
 

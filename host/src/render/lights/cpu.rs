@@ -18,7 +18,8 @@ use crate::scene::Scene;
 /// Input errors for a scene that [`Scene::check`] refuses.
 pub fn render(scene: &Scene) -> Result<Picture> {
     scene.check()?;
-    let (geometry, materials, rays) = (Geometry::new(scene), Materials::new(scene), Rays::new(scene));
+    let (geometry, materials, rays) = (Geometry::new(scene), Materials::new(scene), Rays::new(&scene.camera));
+    let lamps = shading::lamps(&scene.lights, super::POINTS_ACROSS);
     let (width, height) = (scene.camera.width as usize, scene.camera.height as usize);
     let mut pixels = vec![Vec4::ZERO; width * height];
     pixels.par_iter_mut().enumerate().for_each_init(Shader::new, |shader, (index, pixel)| {
@@ -28,12 +29,17 @@ pub fn render(scene: &Scene) -> Result<Picture> {
             *pixel = shading::background(scene, direction).extend(0.0);
             return;
         };
+        if let Some(emission) = materials.emission(geometry.object(&hit)) {
+            let shines = geometry.front(&hit, direction);
+            *pixel = if shines { emission } else { Rgb::ZERO }.extend(1.0);
+            return;
+        }
         let surface = geometry.surface(&hit, rays.origin, direction);
         let mut radiance = Rgb::ZERO;
         for (texel, weight) in materials.neighbours(surface.object, surface.uv) {
             if weight > 0.0 {
                 shader.aim(&materials, texel, surface.to_local(-direction), false);
-                radiance += weight * shading::reflect_lights(&scene.lights, &surface, shader, |_| true);
+                radiance += weight * shading::reflect_lights(&lamps, &surface, shader, |_| true);
             }
         }
         *pixel = radiance.extend(1.0);

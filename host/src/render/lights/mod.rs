@@ -1,5 +1,5 @@
 //! The `lights` renderer: a raster on the GPU with point and directional lights (6.9), any number of lobes and lights in one
-//! pass. No shadows, and an environment is seen but lights nothing: scenes that need those go to the reference.
+//! pass; rectangular lights stand as a grid of points. No shadows, and an environment is seen but lights nothing: scenes that need those go to the reference.
 
 pub mod cpu;
 mod pipeline;
@@ -9,13 +9,17 @@ use std::time::Instant;
 use bytemuck::{Pod, Zeroable};
 use glam::{Mat4, Vec3, Vec4};
 
+use super::geometry;
 use super::gpu::Gpu;
 use super::image::Picture;
 use super::materials::Materials;
-use super::shading::{self, Rays};
-use super::{Cost, Rendering};
+use super::shading::{self, Lamp, Rays};
+use super::{Cost, Prepared, Renderer, Rendering};
 use crate::error::{Error, Result};
-use crate::scene::{Light, Mesh, Scene};
+use crate::scene::{Camera, Mesh, Scene};
+
+/// Points along a rectangular light's edges that stand for it.
+pub(super) const POINTS_ACROSS: u32 = 4;
 
 /// How to draw.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -38,60 +42,33 @@ struct View {
     eye: Vec4,
 }
 
-/// A light as the shader has it.
-#[derive(Debug, Clone, Copy, Pod, Zeroable)]
-#[repr(C)]
-struct PackedLight {
-    place: Vec4,
-    colour: Vec4,
-}
-
-/// Everything that is uploaded for a scene.
+/// Everything of a scene that is uploaded.
 struct Uploads {
-    view: View,
-    lights: Vec<PackedLight>,
+    lamps: Vec<Lamp>,
     materials: Materials,
     mesh: Mesh,
-    /// The run of indices of every object.
+    /// The run of triangles of every object and rectangular light.
     runs: Vec<std::ops::Range<u32>>,
 }
 
 impl Uploads {
     fn new(scene: &Scene) -> Self {
-        let mut mesh = Mesh::default();
-        let mut runs = Vec::with_capacity(scene.objects.len());
-        for object in &scene.objects {
-            let placed = object.mesh.transformed(&object.transform);
-            let first = mesh.vertices.len() as u32;
-            let start = mesh.triangles.len() as u32 * 3;
-            mesh.vertices.extend(placed.vertices);
-            mesh.triangles.extend(placed.triangles.iter().map(|t| t.map(|i| i + first)));
-            runs.push(start..mesh.triangles.len() as u32 * 3);
-        }
-        let lights = scene.lights.iter().map(|light| match *light {
-            Light::Directional { toward, irradiance } => {
-                PackedLight { place: toward.extend(0.0), colour: irradiance.extend(0.0) }
-            }
-            Light::Point { position, intensity } => {
-                PackedLight { place: position.extend(1.0), colour: intensity.extend(0.0) }
-            }
-        });
-        Self {
-            view: View {
-                projection: projection(scene),
-                eye: scene.camera.position.extend(scene.lights.len() as f32),
-            },
-            lights: lights.collect(),
-            materials: Materials::new(scene),
-            mesh,
-            runs,
-        }
+        let (mesh, runs) = geometry::joined(scene);
+        let lamps = shading::lamps(&scene.lights, POINTS_ACROSS);
+        Self { lamps, materials: Materials::new(scene), mesh, runs }
+    }
+
+    /// Bytes on the device.
+    fn bytes(&self) -> usize {
+        size_of_val(&self.lamps[..])
+            + self.materials.bytes()
+            + size_of_val(&self.mesh.vertices[..])
+            + size_of_val(&self.mesh.triangles[..])
     }
 }
 
 /// World to clip space with reversed depth: 1 at the near plane, 0 at infinity.
-fn projection(scene: &Scene) -> Mat4 {
-    let camera = &scene.camera;
+fn projection(camera: &Camera) -> Mat4 {
     let [right, up, forward] = camera.basis();
     let scale_y = 1.0 / (camera.fov / 2.0).tan();
     let scale_x = scale_y * camera.height as f32 / camera.width as f32;
@@ -106,47 +83,63 @@ fn projection(scene: &Scene) -> Mat4 {
     Mat4::from_cols(rows[0], rows[1], rows[2], rows[3]).transpose()
 }
 
-/// Renders a scene's point and directional lights on the GPU.
-///
-/// # Errors
-/// Input errors for a scene that [`Scene::check`] refuses; failures when there is no GPU or it refuses.
-pub fn render(scene: &Scene, settings: &Settings) -> Result<Rendering> {
-    scene.check()?;
-    let start = Instant::now();
-    let gpu = Gpu::open()?;
-    let limit = gpu.device.limits().max_texture_dimension_2d;
-    if scene.camera.width > limit || scene.camera.height > limit {
-        return Err(Error::failure(format!("GPU: a picture has at most {limit} pixels a side")));
+impl Renderer for Settings {
+    fn prepare<'a>(&self, scene: &'a Scene) -> Result<Box<dyn Prepared + 'a>> {
+        scene.check()?;
+        let start = Instant::now();
+        let gpu = Gpu::open()?;
+        let uploads = Uploads::new(scene);
+        let pass = gpu.guarded(|| pipeline::Pass::new(&gpu, &uploads, self.samples))?;
+        let bytes = uploads.bytes();
+        Ok(Box::new(Lights { scene, gpu, pass, bytes, prepare_seconds: start.elapsed().as_secs_f64() }))
     }
-    let uploads = Uploads::new(scene);
-    let drawn = gpu.guarded(|| {
-        let pass = pipeline::Pass::new(&gpu, &uploads, scene, settings)?;
-        let prepared = start.elapsed().as_secs_f64();
-        Ok((pass.draw(&gpu, &uploads)?, prepared))
-    });
-    let (mut pixels, prepare_seconds) = drawn?;
+}
 
-    // The background shows through wherever coverage is not whole.
-    let (width, height) = (scene.camera.width as usize, scene.camera.height as usize);
-    let rays = Rays::new(scene);
-    for (index, pixel) in pixels.iter_mut().enumerate() {
-        if pixel.w < 1.0 {
-            let direction = rays.direction((index % width) as f32 + 0.5, (index / width) as f32 + 0.5);
-            *pixel += (shading::background(scene, direction) * (1.0 - pixel.w)).extend(0.0);
+/// A scene on the GPU.
+struct Lights<'a> {
+    scene: &'a Scene,
+    gpu: Gpu,
+    pass: pipeline::Pass,
+    bytes: usize,
+    prepare_seconds: f64,
+}
+
+impl Prepared for Lights<'_> {
+    fn view(&self, camera: &Camera) -> Result<Rendering> {
+        camera.check()?;
+        let start = Instant::now();
+        let limit = self.gpu.device.limits().max_texture_dimension_2d;
+        if camera.width > limit || camera.height > limit {
+            return Err(Error::failure(format!("GPU: a picture has at most {limit} pixels a side")));
         }
+        let mut pixels = self.gpu.guarded(|| self.pass.draw(&self.gpu, camera))?;
+
+        // The background shows through wherever coverage is not whole.
+        let (width, height) = (camera.width as usize, camera.height as usize);
+        let rays = Rays::new(camera);
+        for (index, pixel) in pixels.iter_mut().enumerate() {
+            if pixel.w < 1.0 {
+                let direction = rays.direction((index % width) as f32 + 0.5, (index / width) as f32 + 0.5);
+                *pixel += (shading::background(self.scene, direction) * (1.0 - pixel.w)).extend(0.0);
+            }
+        }
+        let cost = Cost {
+            prepare_seconds: self.prepare_seconds,
+            render_seconds: start.elapsed().as_secs_f64(),
+            memory_bytes: (self.bytes + self.pass.target_bytes(camera)) as u64,
+            samples: self.pass.samples(),
+            draws: self.pass.draws(),
+            rays: 0,
+        };
+        let picture = Picture { width, height, pixels };
+        Ok(Rendering { picture, variance: None, cost, adapter: Some(self.gpu.name()) })
     }
-    let seconds = start.elapsed().as_secs_f64();
-    Ok(Rendering {
-        picture: Picture { width, height, pixels },
-        cost: Cost { prepare_seconds, render_seconds: seconds - prepare_seconds, rays: 0 },
-        adapter: Some(gpu.name()),
-    })
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::scene::showcase;
+    use crate::scene::{Light, showcase};
 
     /// The showcase with a third light, without its environment.
     fn lit(width: u32, height: u32) -> Scene {
@@ -154,13 +147,18 @@ mod tests {
         scene.environment = None;
         scene.background = crate::scene::Background::Colour(Vec3::new(0.1, 0.2, 0.3));
         scene.lights.push(Light::Directional { toward: Vec3::NEG_X, irradiance: Vec3::splat(0.4) });
+        scene.lights.push(Light::Rectangle {
+            centre: Vec3::new(0.3, 1.5, 0.4),
+            edges: [Vec3::X * 0.5, Vec3::Z * 0.4],
+            radiance: Vec3::splat(2.0),
+        });
         scene
     }
 
     #[test]
     fn the_gpu_agrees_with_its_twin_on_the_cpu() {
         let scene = lit(160, 120);
-        let rendering = match render(&scene, &Settings { samples: 1 }) {
+        let rendering = match (Settings { samples: 1 }).render(&scene, &scene.camera) {
             Ok(rendering) => rendering,
             Err(error) if error.to_string().contains("no adapter") => return println!("skipped: {error}"),
             Err(error) => panic!("{error}"),
@@ -189,7 +187,7 @@ mod tests {
     fn multisampled_edges_blend_with_the_background() {
         let mut scene = lit(64, 48);
         scene.objects.retain(|object| object.name == "ball");
-        let rendering = match render(&scene, &Settings::default()) {
+        let rendering = match Settings::default().render(&scene, &scene.camera) {
             Ok(rendering) => rendering,
             Err(error) if error.to_string().contains("no adapter") => return println!("skipped: {error}"),
             Err(error) => panic!("{error}"),

@@ -3,10 +3,10 @@
 use glam::Vec4;
 use wgpu::{BufferUsages, TextureFormat, TextureUsages};
 
-use super::{Settings, Uploads};
+use super::{Uploads, View};
 use crate::error::{Error, Result};
 use crate::render::gpu::Gpu;
-use crate::scene::{Scene, Vertex};
+use crate::scene::{Camera, Vertex};
 
 /// The shader, shared with the browser.
 const SHADER: &str = include_str!("../../../../shaders/lights.wgsl");
@@ -15,34 +15,86 @@ const DEPTH: TextureFormat = TextureFormat::Depth32Float;
 /// Everything of one scene on the device.
 pub(super) struct Pass {
     pipeline: wgpu::RenderPipeline,
-    bindings: wgpu::BindGroup,
+    /// What the shader reads, but for the view.
+    buffers: [wgpu::Buffer; 4],
+    lamps: usize,
     vertices: wgpu::Buffer,
     indices: wgpu::Buffer,
-    /// Where samples go; the same as `resolved` with one sample a pixel.
-    colour: wgpu::Texture,
-    depth: wgpu::Texture,
-    resolved: wgpu::Texture,
+    runs: Vec<std::ops::Range<u32>>,
+    format: TextureFormat,
+    samples: u32,
 }
 
 impl Pass {
-    /// Uploads a scene and builds the pipeline.
-    pub(super) fn new(gpu: &Gpu, uploads: &Uploads, scene: &Scene, settings: &Settings) -> Result<Self> {
+    /// Uploads a scene and builds the pipeline for `samples` a pixel, or 1 where the adapter cannot.
+    pub(super) fn new(gpu: &Gpu, uploads: &Uploads, samples: u32) -> Result<Self> {
         let wanted = [
-            (TextureFormat::Rgba32Float, settings.samples),
-            (TextureFormat::Rgba16Float, settings.samples),
+            (TextureFormat::Rgba32Float, samples),
+            (TextureFormat::Rgba16Float, samples),
             (TextureFormat::Rgba32Float, 1),
             (TextureFormat::Rgba16Float, 1),
         ];
         let (format, samples) =
             gpu.target(&wanted).ok_or_else(|| Error::failure("GPU: it cannot draw to float textures"))?;
+        let storage = BufferUsages::STORAGE;
+        Ok(Self {
+            pipeline: pipeline(gpu, format, samples),
+            buffers: [
+                gpu.buffer("lamps", &uploads.lamps, storage)?,
+                gpu.buffer("materials", &uploads.materials.materials, storage)?,
+                gpu.buffer("texels", &uploads.materials.texels, storage)?,
+                gpu.buffer("lobes", &uploads.materials.lobes, storage)?,
+            ],
+            lamps: uploads.lamps.len(),
+            vertices: gpu.buffer("vertices", &uploads.mesh.vertices, BufferUsages::VERTEX)?,
+            indices: gpu.buffer("indices", &uploads.mesh.triangles, BufferUsages::INDEX)?,
+            runs: uploads.runs.clone(),
+            format,
+            samples,
+        })
+    }
+
+    /// Samples a pixel.
+    pub(super) fn samples(&self) -> u32 {
+        self.samples
+    }
+
+    /// Draw calls a view.
+    pub(super) fn draws(&self) -> u32 {
+        self.runs.len() as u32
+    }
+
+    /// Bytes of the textures that a view is drawn to.
+    pub(super) fn target_bytes(&self, camera: &Camera) -> usize {
+        let colour = if self.format == TextureFormat::Rgba16Float { 8 } else { 16 };
+        let resolved = if self.samples > 1 { colour } else { 0 };
+        (camera.width * camera.height) as usize * ((colour + 4) * self.samples as usize + resolved)
+    }
+
+    /// What the shader reads.
+    fn bindings(&self, gpu: &Gpu, camera: &Camera) -> Result<wgpu::BindGroup> {
+        let view =
+            View { projection: super::projection(camera), eye: camera.position.extend(self.lamps as f32) };
+        let view = gpu.buffer("view", &[view], BufferUsages::UNIFORM)?;
+        let entries: Vec<_> = (0u32..)
+            .zip(std::iter::once(&view).chain(&self.buffers))
+            .map(|(binding, buffer)| wgpu::BindGroupEntry { binding, resource: buffer.as_entire_binding() })
+            .collect();
+        Ok(gpu.device.create_bind_group(&wgpu::BindGroupDescriptor {
+            label: Some("lights"),
+            layout: &self.pipeline.get_bind_group_layout(0),
+            entries: &entries,
+        }))
+    }
+
+    /// Draws all objects and reads the picture back.
+    pub(super) fn draw(&self, gpu: &Gpu, camera: &Camera) -> Result<Vec<Vec4>> {
         let texture = |label, format, samples, usage| {
+            let size =
+                wgpu::Extent3d { width: camera.width, height: camera.height, depth_or_array_layers: 1 };
             gpu.device.create_texture(&wgpu::TextureDescriptor {
                 label: Some(label),
-                size: wgpu::Extent3d {
-                    width: scene.camera.width,
-                    height: scene.camera.height,
-                    depth_or_array_layers: 1,
-                },
+                size,
                 mip_level_count: 1,
                 sample_count: samples,
                 dimension: wgpu::TextureDimension::D2,
@@ -51,53 +103,15 @@ impl Pass {
                 view_formats: &[],
             })
         };
-        let resolved =
-            texture("picture", format, 1, TextureUsages::RENDER_ATTACHMENT | TextureUsages::COPY_SRC);
-        let colour = if samples == 1 {
-            resolved.clone()
-        } else {
-            texture("samples", format, samples, TextureUsages::RENDER_ATTACHMENT)
-        };
-        let depth = texture("depth", DEPTH, samples, TextureUsages::RENDER_ATTACHMENT);
-
-        let pipeline = pipeline(gpu, format, samples);
-        let storage = BufferUsages::STORAGE;
-        let buffers = [
-            gpu.buffer("view", &[uploads.view], BufferUsages::UNIFORM)?,
-            gpu.buffer("lights", &uploads.lights, storage)?,
-            gpu.buffer("materials", &uploads.materials.materials, storage)?,
-            gpu.buffer("texels", &uploads.materials.texels, storage)?,
-            gpu.buffer("lobes", &uploads.materials.lobes, storage)?,
-        ];
-        let entries: Vec<_> = buffers
-            .iter()
-            .enumerate()
-            .map(|(binding, buffer)| wgpu::BindGroupEntry {
-                binding: binding as u32,
-                resource: buffer.as_entire_binding(),
-            })
-            .collect();
-        let bindings = gpu.device.create_bind_group(&wgpu::BindGroupDescriptor {
-            label: Some("lights"),
-            layout: &pipeline.get_bind_group_layout(0),
-            entries: &entries,
-        });
-        Ok(Self {
-            pipeline,
-            bindings,
-            vertices: gpu.buffer("vertices", &uploads.mesh.vertices, BufferUsages::VERTEX)?,
-            indices: gpu.buffer("indices", &uploads.mesh.triangles, BufferUsages::INDEX)?,
-            colour,
-            depth,
-            resolved,
-        })
-    }
-
-    /// Draws all objects and reads the picture back.
-    pub(super) fn draw(&self, gpu: &Gpu, uploads: &Uploads) -> Result<Vec<Vec4>> {
+        let target = TextureUsages::RENDER_ATTACHMENT;
+        let multisampled = self.samples > 1;
+        let picture = texture("picture", self.format, 1, target | TextureUsages::COPY_SRC);
+        let samples = multisampled.then(|| texture("samples", self.format, self.samples, target));
+        let depth = texture("depth", DEPTH, self.samples, target);
         let view = |texture: &wgpu::Texture| texture.create_view(&wgpu::TextureViewDescriptor::default());
-        let (colour, depth, resolved) = (view(&self.colour), view(&self.depth), view(&self.resolved));
-        let multisampled = self.colour.sample_count() > 1;
+        let (colour, depth, resolved) =
+            (view(samples.as_ref().unwrap_or(&picture)), view(&depth), view(&picture));
+        let bindings = self.bindings(gpu, camera)?;
         let mut encoder = gpu.device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
         {
             let mut pass = encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
@@ -122,15 +136,15 @@ impl Pass {
                 ..Default::default()
             });
             pass.set_pipeline(&self.pipeline);
-            pass.set_bind_group(0, &self.bindings, &[]);
+            pass.set_bind_group(0, &bindings, &[]);
             pass.set_vertex_buffer(0, self.vertices.slice(..));
             pass.set_index_buffer(self.indices.slice(..), wgpu::IndexFormat::Uint32);
-            for (object, run) in (0u32..).zip(&uploads.runs) {
+            for (object, run) in (0u32..).zip(&self.runs) {
                 // The instance's number tells the shader which material to take.
-                pass.draw_indexed(run.clone(), 0, object..object + 1);
+                pass.draw_indexed(3 * run.start..3 * run.end, 0, object..object + 1);
             }
         }
-        gpu.read_texture(encoder, &self.resolved)
+        gpu.read_texture(encoder, &picture)
     }
 }
 

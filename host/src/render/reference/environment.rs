@@ -71,6 +71,15 @@ impl<'a> Sampled<'a> {
         })
     }
 
+    /// Bytes held, the environment's own pixels included.
+    pub(crate) fn bytes(&self) -> usize {
+        size_of_val(&self.environment.pixels[..])
+            + size_of_val(&self.rows[..])
+            + size_of_val(&self.columns[..])
+            + size_of_val(&self.density[..])
+            + size_of_val(&self.edges[..])
+    }
+
     /// Texture coordinates of a world direction.
     fn texture(&self, world: Vec3) -> Vec2 {
         let (x, z) = (self.cos * world.x - self.sin * world.z, self.sin * world.x + self.cos * world.z);
@@ -178,11 +187,10 @@ mod tests {
     fn samples_carry_the_density_and_the_radiance_of_their_direction() {
         let environment = uneven();
         let sampled = Sampled::new(&environment).unwrap();
-        let sequence = super::super::sampler::Sequence::new(4096);
         let mut agreeing = 0;
         let mut mean = 0.0f64;
         for index in 0..4096 {
-            let sample = sampled.sample(sequence.point(5, index, 0));
+            let sample = sampled.sample(crate::render::sampler::point(5, index, 0));
             let looked_up = sampled.arriving(sample.direction);
             assert!((sample.direction.length() - 1.0).abs() < 1e-5);
             let radiance_agrees =

@@ -1,217 +1,204 @@
-//! The reference renderer: rays on the CPU. Point and directional lights with shadows, the environment by importance
-//! sampling of its pixels and of the lobes, both weighted by the power heuristic. Light is reflected once.
+//! The reference renderer: a path tracer on the CPU for every kind of light, with interreflection. The other renderers are
+//! judged by it.
 
 mod environment;
-mod sampler;
+mod lobes;
+mod rectangle;
+#[cfg(test)]
+mod sampling_tests;
 #[cfg(test)]
 mod tests;
+mod trace;
 
-use std::f32::consts::TAU;
 use std::time::Instant;
 
 use glam::{Vec3, Vec4};
 use rayon::prelude::*;
 
-use super::geometry::{Geometry, Surface};
 use super::image::Picture;
-use super::materials::{Materials, Shader};
-use super::math;
-use super::shading::{self, Rays};
-use super::{Cost, Rendering};
+use super::materials::Shader;
+use super::sampler::hash;
+use super::shading::Rays;
+use super::{Cost, Prepared, Renderer, Rendering, compare};
 use crate::error::{Error, Result};
 use crate::progress;
-use crate::reflectance::Rgb;
-use crate::scene::Scene;
-use environment::Sampled;
-use sampler::{Sequence, hash};
+use crate::scene::{Camera, Scene};
+use trace::{Numbers, Tracer};
 
-/// How much work to do.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+/// Passes before a budget of time or error is looked at: variance needs more than one.
+const LEAST_PASSES: u32 = 4;
+/// Samples a pixel of one pass when a budget decides how many there are.
+const BUDGET_PASS: u32 = 16;
+
+/// How much work to do. Rendering stops at the first of `samples`, `seconds` and `max_error` that is reached.
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Settings {
-    /// Samples a pixel; powers of two are spread best.
+    /// Samples a pixel at most, rounded up to whole passes; powers of two are spread best.
     pub samples: u32,
+    /// Seconds for a view at most. The picture then depends on the machine through the number of passes only.
+    pub seconds: Option<f64>,
+    /// Relative RMSE of the picture (as [`compare::Errors`] has it) to stop at; the upper estimate by its variance is used.
+    pub max_error: Option<f64>,
+    /// Reflections a path at most; 1 leaves interreflection out.
+    pub bounces: u32,
     /// The picture is a function of scene, samples and seed, whatever the number of threads.
     pub seed: u64,
 }
 
 impl Default for Settings {
     fn default() -> Self {
-        Self { samples: 64, seed: 0 }
+        Self { samples: 64, seconds: None, max_error: None, bounces: 64, seed: 0 }
     }
 }
 
-/// What the numbers of a sample are for.
-mod purpose {
-    pub(super) const PIXEL: u32 = 0;
-    pub(super) const TEXEL: u32 = 1;
-    pub(super) const ENVIRONMENT: u32 = 2;
-    pub(super) const LOBE: u32 = 3;
-    pub(super) const CHOICE: u32 = 4;
+impl Settings {
+    /// Samples a pixel of one pass. The spread of the passes gives the variance.
+    fn pass(&self) -> u32 {
+        if self.seconds.is_some() || self.max_error.is_some() {
+            return BUDGET_PASS.min(self.samples);
+        }
+        let quarter = (self.samples / LEAST_PASSES).clamp(1, 64);
+        1 << quarter.ilog2()
+    }
+
+    fn check(&self) -> Result<()> {
+        if self.samples == 0 || self.bounces == 0 {
+            return Err(Error::input("samples or bounces is 0; use 1 or more"));
+        }
+        for (name, budget) in [("seconds", self.seconds), ("max-error", self.max_error)] {
+            if budget.is_some_and(|budget| budget.is_nan() || budget <= 0.0) {
+                return Err(Error::input(format!("{name} is not positive")));
+            }
+        }
+        Ok(())
+    }
 }
 
-/// Renders a scene.
-///
-/// # Errors
-/// Input errors for a scene that [`Scene::check`] refuses, or no samples.
-pub fn render(scene: &Scene, settings: &Settings) -> Result<Rendering> {
-    scene.check()?;
-    if settings.samples == 0 {
-        return Err(Error::input("samples is 0; use 1 or more"));
+impl Renderer for Settings {
+    fn prepare<'a>(&self, scene: &'a Scene) -> Result<Box<dyn Prepared + 'a>> {
+        scene.check()?;
+        self.check()?;
+        let start = Instant::now();
+        let tracer = Tracer::new(scene, self.bounces);
+        Ok(Box::new(Ready { tracer, settings: *self, prepare_seconds: start.elapsed().as_secs_f64() }))
     }
-    let start = Instant::now();
-    let tracer = Tracer {
-        scene,
-        geometry: Geometry::new(scene),
-        materials: Materials::new(scene),
-        environment: scene.environment.as_ref().and_then(Sampled::new),
-        rays: Rays::new(scene),
-        sequence: Sequence::new(settings.samples),
-        samples: settings.samples,
-        seed: hash(settings.seed as u32 ^ hash((settings.seed >> 32) as u32 ^ 0x5bd1_e995)),
-    };
-    let prepared = start.elapsed().as_secs_f64();
+}
 
-    let (width, height) = (scene.camera.width as usize, scene.camera.height as usize);
-    let mut pixels = vec![Vec4::ZERO; width * height];
-    let bar = progress::bar("render", height as u64, "rows");
-    let rays = pixels
-        .par_chunks_mut(width)
-        .enumerate()
-        .map_init(Shader::new, |shader, (y, row)| {
+/// A scene ready to be traced.
+struct Ready<'a> {
+    tracer: Tracer<'a>,
+    settings: Settings,
+    prepare_seconds: f64,
+}
+
+/// What is known of a pixel after some passes.
+#[derive(Clone, Copy, Default)]
+struct Pixel {
+    mean: Vec4,
+    /// Sum of squared deviations of the passes' means.
+    spread: Vec3,
+}
+
+impl Prepared for Ready<'_> {
+    fn view(&self, camera: &Camera) -> Result<Rendering> {
+        camera.check()?;
+        let start = Instant::now();
+        let settings = &self.settings;
+        let pass = settings.pass();
+        let passes = settings.samples.div_ceil(pass);
+        let (width, height) = (camera.width as usize, camera.height as usize);
+        let seed = hash(settings.seed as u32 ^ hash((settings.seed >> 32) as u32 ^ 0x5bd1_e995));
+        let view = View { tracer: &self.tracer, rays: Rays::new(camera), seed, width, pass };
+
+        let mut pixels = vec![Pixel::default(); width * height];
+        let mut cost = Cost { prepare_seconds: self.prepare_seconds, ..Cost::default() };
+        let bar = match settings.seconds {
+            Some(seconds) => progress::bar("reference", (1e3 * seconds) as u64, "ms"),
+            None => progress::bar("reference", u64::from(passes) * height as u64, "rows"),
+        };
+        let mut done = 0;
+        while done < passes {
+            let before = start.elapsed();
+            done += 1;
+            cost.rays += view.add(&mut pixels, done, |rows| {
+                if settings.seconds.is_none() {
+                    bar.advance(rows);
+                }
+            });
+            if settings.seconds.is_some() {
+                bar.advance((start.elapsed() - before).as_millis() as u64);
+            }
+            if done >= LEAST_PASSES && self.is_enough(&pixels, done, start) {
+                break;
+            }
+        }
+        cost.samples = done * pass;
+        cost.render_seconds = start.elapsed().as_secs_f64();
+        cost.memory_bytes = (self.tracer.bytes() + size_of_val(&pixels[..])) as u64;
+        let picture = Picture { width, height, pixels: pixels.iter().map(|pixel| pixel.mean).collect() };
+        let variance = (done > 1).then(|| variance(&pixels, done));
+        Ok(Rendering { picture, variance, cost, adapter: None })
+    }
+}
+
+impl Ready<'_> {
+    /// Whether a budget is used up: the next pass would end too late, or the error is small enough.
+    fn is_enough(&self, pixels: &[Pixel], passes: u32, start: Instant) -> bool {
+        let elapsed = start.elapsed().as_secs_f64();
+        let late = |seconds| elapsed * f64::from(passes + 1) / f64::from(passes) > seconds;
+        let exact = |error| {
+            let means = pixels.iter().map(|pixel| pixel.mean.truncate());
+            compare::expected_relative_rmse(means, &variance(pixels, passes)) <= error
+        };
+        self.settings.seconds.is_some_and(late) || self.settings.max_error.is_some_and(exact)
+    }
+}
+
+/// Variance of every pixel's mean as if the passes were independent. They are parts of one stratified sequence, which does
+/// better: this is an upper estimate.
+fn variance(pixels: &[Pixel], passes: u32) -> Vec<Vec3> {
+    let degrees = (passes * (passes - 1)) as f32;
+    pixels.iter().map(|pixel| pixel.spread / degrees).collect()
+}
+
+/// A camera's view of a scene.
+struct View<'a> {
+    tracer: &'a Tracer<'a>,
+    rays: Rays,
+    seed: u32,
+    /// Pixels a row.
+    width: usize,
+    /// Samples a pixel and pass.
+    pass: u32,
+}
+
+impl View<'_> {
+    /// Adds a pass, the `count`-th, to all pixels; returns the number of rays.
+    fn add(&self, pixels: &mut [Pixel], count: u32, advance: impl Fn(u64) + Sync) -> u64 {
+        let add_row = |shader: &mut Shader, (y, row): (usize, &mut [Pixel])| {
             let mut rays = 0;
             for (x, pixel) in row.iter_mut().enumerate() {
-                *pixel = tracer.pixel(x as u32, y as u32, shader, &mut rays);
+                let fresh = self.mean(x, y, (count - 1) * self.pass, shader, &mut rays);
+                let difference = fresh - pixel.mean;
+                pixel.mean += difference / count as f32;
+                pixel.spread += (difference * (fresh - pixel.mean)).truncate();
             }
-            bar.advance(1);
+            advance(1);
             rays
-        })
-        .sum();
-    let seconds = start.elapsed().as_secs_f64();
-    Ok(Rendering {
-        picture: Picture { width, height, pixels },
-        cost: Cost { prepare_seconds: prepared, render_seconds: seconds - prepared, rays },
-        adapter: None,
-    })
-}
-
-/// How an incident direction was drawn.
-#[derive(Clone, Copy)]
-enum By {
-    Environment,
-    Lobes,
-}
-
-/// A scene made ready.
-struct Tracer<'a> {
-    scene: &'a Scene,
-    geometry: Geometry,
-    materials: Materials,
-    environment: Option<Sampled<'a>>,
-    rays: Rays,
-    sequence: Sequence,
-    samples: u32,
-    seed: u32,
-}
-
-impl Tracer<'_> {
-    /// Mean radiance and coverage of a pixel.
-    fn pixel(&self, x: u32, y: u32, shader: &mut Shader, rays: &mut u64) -> Vec4 {
-        let pixel = hash(self.seed ^ hash(y * self.scene.camera.width + x));
-        let mut sum = Vec4::ZERO;
-        for index in 0..self.samples {
-            let [dx, dy] = self.sequence.point(pixel, index, purpose::PIXEL);
-            let direction = self.rays.direction(x as f32 + dx, y as f32 + dy);
-            *rays += 1;
-            sum += match self.geometry.nearest(self.rays.origin, direction) {
-                None => shading::background(self.scene, direction).extend(0.0),
-                Some(hit) => {
-                    let surface = self.geometry.surface(&hit, self.rays.origin, direction);
-                    self.reflected(&surface, -direction, pixel, index, shader, rays).extend(1.0)
-                }
-            };
-        }
-        sum / self.samples as f32
-    }
-
-    /// Radiance reflected at a surface toward the viewer.
-    fn reflected(
-        &self,
-        surface: &Surface,
-        view: Vec3,
-        pixel: u32,
-        index: u32,
-        shader: &mut Shader,
-        rays: &mut u64,
-    ) -> Rgb {
-        let texel = self.materials.choose(
-            surface.object,
-            surface.uv,
-            self.sequence.point(pixel, index, purpose::TEXEL),
-        );
-        shader.aim(&self.materials, texel, surface.to_local(view), self.environment.is_some());
-        let mut radiance = shading::reflect_lights(&self.scene.lights, surface, shader, |seen| {
-            *rays += 1;
-            surface.geometric.dot(seen.toward) > 0.0
-                && !self.geometry.occluded(surface, seen.toward, seen.distance)
-        });
-        if let Some(environment) = &self.environment {
-            let arriving = environment.sample(self.sequence.point(pixel, index, purpose::ENVIRONMENT));
-            radiance += self.weighted(surface, shader, &arriving, By::Environment, rays);
-            let [choice, _] = self.sequence.point(pixel, index, purpose::CHOICE);
-            let local = sample_lobes(shader, choice, self.sequence.point(pixel, index, purpose::LOBE));
-            if local.z > 0.0 {
-                let arriving = environment.arriving(surface.to_world(local));
-                radiance += self.weighted(surface, shader, &arriving, By::Lobes, rays);
-            }
-        }
-        radiance
-    }
-
-    /// One sample's share under the power heuristic: f L cosθ / p, weighted by p² / (p_e² + p_l²).
-    fn weighted(
-        &self,
-        surface: &Surface,
-        shader: &Shader,
-        arriving: &environment::Arriving,
-        by: By,
-        rays: &mut u64,
-    ) -> Rgb {
-        let wi = surface.to_local(arriving.direction);
-        if wi.z <= 0.0 || surface.geometric.dot(arriving.direction) <= 0.0 {
-            return Rgb::ZERO;
-        }
-        let (reflectance, density) = shader.eval_and_density(wi);
-        let drawn = match by {
-            By::Environment => arriving.density,
-            By::Lobes => density,
         };
-        // Divided by `drawn` twice, so that the squares stay in range.
-        let (ratio_e, ratio_l) = (arriving.density / drawn, density / drawn);
-        let weight = wi.z / (drawn * (ratio_e * ratio_e + ratio_l * ratio_l));
-        let share = reflectance * arriving.radiance * weight;
-        if share == Rgb::ZERO {
-            return Rgb::ZERO;
-        }
-        *rays += 1;
-        if self.geometry.occluded(surface, arriving.direction, f32::INFINITY) { Rgb::ZERO } else { share }
+        pixels.par_chunks_mut(self.width).enumerate().map_init(Shader::new, add_row).sum()
     }
-}
 
-/// Draws an incident direction of the sample's frame from the mixture of [`Shader`]: cosine-weighted, or cosⁿ about the
-/// peak of a lobe. It can lie below the surface, and then carries nothing.
-fn sample_lobes(shader: &Shader, choice: f32, [r, s]: [f32; 2]) -> Vec3 {
-    let (sin, cos) = (r * TAU).sin_cos();
-    let mut left = choice;
-    for lobe in &shader.lobes {
-        if left < lobe.share {
-            let z = math::powf((1.0 - s).max(f32::MIN_POSITIVE), 1.0 / (lobe.n + 1.0)).min(1.0);
-            let radius = (1.0 - z * z).sqrt();
-            let axis = lobe.peak.normalize();
-            let (x, y) = axis.any_orthonormal_pair();
-            return x * (radius * cos) + y * (radius * sin) + axis * z;
+    /// Mean radiance and coverage of one pass's samples of a pixel.
+    fn mean(&self, x: usize, y: usize, first: u32, shader: &mut Shader, rays: &mut u64) -> Vec4 {
+        let pixel = hash(self.seed ^ hash((y * self.width + x) as u32));
+        let mut sum = Vec4::ZERO;
+        for index in first..first + self.pass {
+            let numbers = Numbers { pixel, index };
+            let [dx, dy] = numbers.pixel();
+            let direction = self.rays.direction(x as f32 + dx, y as f32 + dy);
+            sum += self.tracer.path(&numbers, (self.rays.origin, direction), shader, rays);
         }
-        left -= lobe.share;
+        sum / self.pass as f32
     }
-    let radius = s.sqrt();
-    Vec3::new(radius * cos, radius * sin, (1.0 - s).max(0.0).sqrt())
 }

@@ -1,0 +1,159 @@
+//! Slices of a prefiltered environment on the GPU: the same sums as in [`prefilter`](super::prefilter), a pixel an
+//! invocation.
+
+use bytemuck::{Pod, Zeroable};
+use glam::{Vec3, Vec4};
+use wgpu::BufferUsages;
+
+use super::prefilter::{Source, least_cosine, source_spacing};
+use crate::error::Result;
+use crate::render::gpu::Gpu;
+use crate::scene::Environment;
+
+/// The shader.
+const SHADER: &str = include_str!("../../../../shaders/prefilter.wgsl");
+/// Invocations of a workgroup, as in the shader.
+const GROUP: u32 = 64;
+/// Lobe terms a submission: drivers end work that takes seconds.
+const TERMS: u64 = 1 << 28;
+
+/// Uniforms of the shader.
+#[derive(Debug, Clone, Copy, Pod, Zeroable)]
+#[repr(C)]
+struct Task {
+    source: [u32; 2],
+    map: [u32; 2],
+    n: f32,
+    least_cosine: f32,
+    reach: f32,
+    first: u32,
+}
+
+/// The device with its pipeline.
+pub(super) struct Prefilter {
+    gpu: Gpu,
+    pipeline: wgpu::ComputePipeline,
+}
+
+impl Prefilter {
+    /// Opens the GPU and builds the pipeline.
+    ///
+    /// # Errors
+    /// A failure when there is no GPU or it refuses.
+    pub(super) fn new() -> Result<Self> {
+        let gpu = Gpu::open()?;
+        let pipeline = gpu.guarded(|| {
+            let module = gpu.device.create_shader_module(wgpu::ShaderModuleDescriptor {
+                label: Some("prefilter.wgsl"),
+                source: wgpu::ShaderSource::Wgsl(SHADER.into()),
+            });
+            Ok(gpu.device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
+                label: Some("prefilter"),
+                layout: None,
+                module: &module,
+                entry_point: Some("prefilter"),
+                compilation_options: Default::default(),
+                cache: None,
+            }))
+        })?;
+        Ok(Self { gpu, pipeline })
+    }
+
+    /// Name and driver.
+    pub(super) fn name(&self) -> String {
+        self.gpu.name()
+    }
+
+    /// log₂ S for one exponent.
+    ///
+    /// # Errors
+    /// A failure when the maps do not fit the device or the driver refuses.
+    pub(super) fn slice(&self, environment: &Environment, n: f32, height: usize) -> Result<Environment> {
+        let source = Source::new(environment, source_spacing(n));
+        let width = 2 * height;
+        let values = self.gpu.guarded(|| self.run(&source, n, [width as u32, height as u32]))?;
+        let pixels: Vec<Vec3> = values.iter().map(|value| value.truncate()).collect();
+        Ok(Environment { width, height, pixels: pixels.into(), rotation: 0.0 })
+    }
+
+    fn run(&self, source: &Source, n: f32, map: [u32; 2]) -> Result<Vec<Vec4>> {
+        let gpu = &self.gpu;
+        let points: (Vec<Vec4>, Vec<Vec4>) =
+            source.points().map(|(d, f)| (d.extend(0.0), f.extend(0.0))).unzip();
+        let cosine = least_cosine(n);
+        let pixels = map[0] * map[1];
+        let directions = gpu.buffer("directions", &points.0, BufferUsages::STORAGE)?;
+        let flux = gpu.buffer("flux", &points.1, BufferUsages::STORAGE)?;
+        let zeros = vec![Vec4::ZERO; pixels as usize];
+        let out = gpu.buffer("map", &zeros, BufferUsages::STORAGE | BufferUsages::COPY_SRC)?;
+        // Points of light within a lobe: its share of the sphere.
+        let terms = (0.5 * f64::from(1.0 - cosine) * points.1.len() as f64).max(1.0) as u64;
+        let batch = ((TERMS / terms) as u32).clamp(GROUP, pixels).next_multiple_of(GROUP);
+        let batch = batch.min(gpu.device.limits().max_compute_workgroups_per_dimension * GROUP);
+        for first in (0..pixels).step_by(batch as usize) {
+            let task = Task {
+                source: [source.width as u32, source.height as u32],
+                map,
+                n,
+                least_cosine: cosine,
+                reach: cosine.acos(),
+                first,
+            };
+            let task = gpu.buffer("task", &[task], BufferUsages::UNIFORM)?;
+            let buffers = [&task, &directions, &flux, &out];
+            let entries: Vec<_> = (0u32..)
+                .zip(buffers)
+                .map(|(binding, buffer)| wgpu::BindGroupEntry {
+                    binding,
+                    resource: buffer.as_entire_binding(),
+                })
+                .collect();
+            let bindings = gpu.device.create_bind_group(&wgpu::BindGroupDescriptor {
+                label: Some("prefilter"),
+                layout: &self.pipeline.get_bind_group_layout(0),
+                entries: &entries,
+            });
+            let mut encoder = gpu.device.create_command_encoder(&Default::default());
+            {
+                let mut pass = encoder.begin_compute_pass(&Default::default());
+                pass.set_pipeline(&self.pipeline);
+                pass.set_bind_group(0, &bindings, &[]);
+                pass.dispatch_workgroups(batch.min(pixels - first).div_ceil(GROUP), 1, 1);
+            }
+            gpu.queue.submit([encoder.finish()]);
+        }
+        gpu.read_buffer(&out)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::render::environment::prefilter;
+
+    #[test]
+    fn the_gpu_agrees_with_the_cpu() {
+        let prefilter = match Prefilter::new() {
+            Ok(prefilter) => prefilter,
+            Err(error) if error.to_string().contains("no adapter") => return println!("skipped: {error}"),
+            Err(error) => panic!("{error}"),
+        };
+        let environment = Environment::from_function(64, 32, |d| {
+            let sun = if d.dot(Vec3::new(0.5, 0.6, 0.62)) > 0.99 { 1e5 } else { 0.0 };
+            Vec3::new(0.5 + 0.4 * d.x, 0.3 + sun, 0.2 + 0.1 * d.z)
+        });
+        for n in [0.5, 1.0, 20.0, 150.0] {
+            let height = prefilter::map_height(n) / 2;
+            let cpu = prefilter::slice(&environment, n, height);
+            let gpu = prefilter.slice(&environment, n, height).unwrap();
+            let differences = cpu.pixels.iter().zip(gpu.pixels.iter()).map(|(a, b)| {
+                // Relative difference of S against what the brightest direction has.
+                let bright = cpu.pixels.iter().copied().reduce(Vec3::max).unwrap_or_default();
+                ((a - bright).map(f32::exp2) - (b - bright).map(f32::exp2)).abs().max_element()
+            });
+            let largest = differences.fold(0.0, f32::max);
+            // Points at the very edge of the lobe may fall inside in one only.
+            assert!(largest < 2e-3, "{n}: {largest}");
+        }
+    }
+}

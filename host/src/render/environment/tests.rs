@@ -1,0 +1,135 @@
+//! Oracles: quadrature of the reflectance equation, white light, and the two encodings beside each other.
+
+use std::f32::consts::{PI, TAU};
+
+use glam::Vec3;
+
+use super::*;
+use crate::reflectance::{Brdf, Lobe, LobeBrdf};
+use crate::scene::Environment;
+
+/// Radiance reflected by a BRDF on a surface that faces +y, by quadrature; sample frame x = +x, y = −z, z = +y.
+fn quadrature(environment: &Environment, brdf: &LobeBrdf, view: Vec3) -> Rgb {
+    let local = |d: Vec3| Vec3::new(d.x, -d.z, d.y);
+    let (columns, rows) = (480, 240);
+    let mut sum = glam::DVec3::ZERO;
+    for i in 0..rows {
+        let y = (i as f32 + 0.5) / rows as f32;
+        let radius = (1.0 - y * y).sqrt();
+        for j in 0..columns {
+            let (sin, cos) = ((j as f32 + 0.5) / columns as f32 * TAU).sin_cos();
+            let wi = Vec3::new(radius * cos, y, radius * sin);
+            sum += (brdf.eval(local(wi), local(view)) * environment.radiance(wi) * y).as_dvec3();
+        }
+    }
+    (sum * std::f64::consts::TAU / f64::from(columns * rows)).as_vec3()
+}
+
+fn phong(n: f32) -> LobeBrdf {
+    let lobe = Lobe { rho_s: Rgb::splat((n + 2.0) / TAU), c: Vec3::new(-1.0, -1.0, 1.0), n };
+    LobeBrdf { lobes: vec![lobe], ..LobeBrdf::default() }
+}
+
+/// What the method gives on a plane that faces +y.
+fn approximation(light: &Light, brdf: &LobeBrdf, view: Vec3) -> Rgb {
+    let mut scene = crate::scene::showcase::published(4, 4);
+    scene.objects.truncate(1);
+    scene.objects[0].material = crate::scene::Material::uniform(brdf.clone());
+    let materials = Materials::new(&scene);
+    let surface = Surface {
+        position: Vec3::ZERO,
+        shadow_origin: Vec3::ZERO,
+        geometric: Vec3::Y,
+        frame: [Vec3::X, Vec3::NEG_Z, Vec3::Y],
+        uv: glam::Vec2::ZERO,
+        object: 0,
+    };
+    let mut shader = Shader::new();
+    shader.aim(&materials, 0, surface.to_local(view), false);
+    light.reflected(&surface, &shader)
+}
+
+fn light(environment: &Environment, exponents: &[f32], encoding: Encoding, horizon: bool) -> Light {
+    Light {
+        maps: Prefiltered::on_cpu(environment, exponents, encoding).unwrap(),
+        harmonics: None,
+        horizon: horizon.then(Horizon::table),
+    }
+}
+
+fn view(theta_deg: f32) -> Vec3 {
+    let (sin, cos) = theta_deg.to_radians().sin_cos();
+    Vec3::new(-sin, cos, 0.0)
+}
+
+#[test]
+fn white_light_is_reflected_as_quadrature_has_it_at_every_angle() {
+    let white = Environment::from_function(64, 32, |_| Rgb::ONE);
+    for n in [1.0, 8.0, 60.0] {
+        let light = light(&white, &[n], Encoding::Slices, true);
+        for theta in [0.0, 45.0, 75.0, 85.0] {
+            let (expected, got) =
+                (quadrature(&white, &phong(n), view(theta)), approximation(&light, &phong(n), view(theta)));
+            assert!((got.x / expected.x - 1.0).abs() < 0.015, "{n} {theta}: {got} {expected}");
+        }
+    }
+}
+
+#[test]
+fn the_horizon_correction_lowers_the_error_of_wide_lobes() {
+    // Two lamps, one low, in a dim room over a dark floor.
+    let lamp = |d: Vec3, at: Vec3| 8.0 * (40.0 * (d.dot(at.normalize()) - 1.0)).exp();
+    let studio = Environment::from_function(64, 32, |d| {
+        let lamps = lamp(d, Vec3::new(0.9, 0.15, 0.2)) + lamp(d, Vec3::new(0.2, 0.9, -0.5));
+        Rgb::splat(if d.y > 0.0 { 0.3 } else { 0.1 } + lamps)
+    });
+    let error = |n: f32, horizon: bool| {
+        let light = light(&studio, &[n], Encoding::Slices, horizon);
+        let squares = [0.0f32, 30.0, 60.0, 75.0, 85.0].map(|theta| {
+            let expected = quadrature(&studio, &phong(n), view(theta));
+            (approximation(&light, &phong(n), view(theta)) / expected - Rgb::ONE).length_squared()
+        });
+        (squares.iter().sum::<f32>() / squares.len() as f32).sqrt()
+    };
+    for n in [1.0, 4.0, 16.0, 64.0] {
+        let (on, off) = (error(n, true), error(n, false));
+        println!("n = {n}: relative error {on:.3} with the correction, {off:.3} without");
+        assert!(on < off, "{n}: {on} {off}");
+    }
+}
+
+#[test]
+fn both_encodings_agree_and_the_diffuse_term_equals_quadrature() {
+    let sky = Environment::from_function(128, 64, |d| {
+        Rgb::new(0.5 + 0.4 * d.x, 0.3 + 0.2 * d.y, 0.2 + (6.0 * (d.z - 1.0)).exp())
+    });
+    let exponents: Vec<f32> = (0..30).map(|k| 1.2f32.powi(k).min(80.0)).collect();
+    let [slices, mips] =
+        [Encoding::Slices, Encoding::Mips].map(|encoding| light(&sky, &exponents, encoding, true));
+    for n in [1.5, 7.0, 40.0, 75.0] {
+        let [a, b] = [&slices, &mips].map(|light| approximation(light, &phong(n), view(40.0)));
+        assert!((a / b - Rgb::ONE).abs().max_element() < 0.03, "{n}: {a} {b}");
+    }
+    let matt = LobeBrdf::diffuse(Rgb::ONE);
+    let (expected, got) = (quadrature(&sky, &matt, Vec3::Y), approximation(&slices, &matt, Vec3::Y));
+    assert!((got / expected - Rgb::ONE).abs().max_element() < 5e-3, "{got} {expected}");
+    let nine = Harmonics::new(&sky).irradiance(Vec3::Y) / PI;
+    // Published for nine coefficients: 9 % of the brightest at most.
+    assert!((nine / expected - Rgb::ONE).abs().max_element() < 0.09, "{nine} {expected}");
+}
+
+#[test]
+fn a_picture_is_close_to_the_reference_where_nothing_is_shadowed() {
+    let mut scene = crate::scene::showcase::published(32, 24);
+    scene.lights.clear();
+    scene.objects.retain(|object| object.name == "ball");
+    scene.environment = Some(Environment::from_function(64, 32, |d| {
+        Rgb::new(0.6 + 0.4 * d.x, 0.5, 0.4 + (8.0 * (d.y - 1.0)).exp())
+    }));
+    let rendering = Settings::default().render(&scene, &scene.camera).unwrap();
+    let truth = super::super::reference::Settings { samples: 256, ..Default::default() };
+    let truth = truth.render(&scene, &scene.camera).unwrap();
+    let errors = super::super::compare::compare(&rendering.picture, &truth.picture).unwrap();
+    assert!(errors.relative_rmse < 0.1, "{errors:?}");
+    assert!(rendering.cost.memory_bytes > 0 && rendering.cost.rays == 32 * 24 * 16);
+}
