@@ -298,8 +298,6 @@ fn sampled_outcome(map: &SbrdfMap, seconds: f64) -> FitOutcome {
     relative.sort_by(f32::total_cmp);
     let texels = map.width * map.height;
     let over = format!("{} texels", relative.len());
-    let lobes: serde_json::Value =
-        if options.choose { format!("auto:{}", options.lobes).into() } else { options.lobes.into() };
     let mut outcome = FitOutcome::default();
     for (name, share) in [("residual_relative_median", 0.5), ("residual_relative_p95", 0.95)] {
         let place = ((relative.len() as f64 * share) as usize).min(relative.len().saturating_sub(1));

@@ -348,8 +348,9 @@ mod tests {
     }
 
     const OPTIONS_OF_CASE: FitOptions = FitOptions {
+        choose: false,
         lobes: 1,
-        method: crate::fit::Method::Lm,
+        method: crate::fit::Method::Separable,
         isotropic: true,
         separate_channels: false,
         diffuse: crate::fit::Diffuse::Joint,
