@@ -76,7 +76,7 @@ impl Storage {
                 Self::Bits8 => (c.map(|c| unorm(c, -1.0, 1.0)), unorm(n, 0.0, 255.0)),
                 Self::Bits8Scaled => {
                     let [least, most] = LOG_EXPONENT.map(f32::ln);
-                    (c.map(|c| snorm(c)), unorm(n.ln(), least, most).exp())
+                    (c.map(snorm), unorm(n.ln(), least, most).exp())
                 }
             };
             Lobe { rho_s: albedo(rho_s), c, n }

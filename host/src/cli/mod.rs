@@ -69,6 +69,9 @@ enum Command {
     /// Fits lobes to a sampled SBRDF or to a measured table
     Fit(fit::FitArgs),
     /// Edits SBRDF maps: palettes, means, composites, diffuse photographs, tiles
+    ///
+    /// BRDFs are compared and blended by their reflectance, never by their coefficients. What was done is noted in the new map's
+    /// attributes edit.1, edit.2, …
     Edit(edit::EditArgs),
     /// Renders a scene
     Render(render::RenderArgs),
