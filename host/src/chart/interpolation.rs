@@ -161,7 +161,7 @@ fn levels() -> Section {
     let (gloss, satin) = (one_lobe(0.05, [-1.0, -1.0, 1.0], 100.0), one_lobe(0.2, [-1.0, -1.0, 0.8], 8.0));
     let maps = [
         ("gloss, satin", showcase::check(&gloss, &satin, 11, 3)),
-        ("brushed ±20°, cells of 3 texels", showcase::check(&brushed(-0.35), &brushed(0.35), 11, 3)),
+        ("brushed ±20°", showcase::check(&brushed(-0.35), &brushed(0.35), 11, 3)),
     ];
     let mut table =
         Table::new(["map", "level", "texels", "coefficients averaged", "fit to the averaged reflectance"]);

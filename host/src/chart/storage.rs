@@ -27,7 +27,7 @@ pub enum Storage {
     F32,
     /// 16-bit floats.
     F16,
-    /// 16-bit floats, C scaled so that a lobe's largest base is exactly 1 ([`scaled`]).
+    /// 16-bit floats, C scaled so that a lobe's largest base is exactly 1; ρ_s is then its peak.
     F16Scaled,
     /// 8 bits a coefficient as the source did: C over −1..1, n over 0..255, albedos over 0..1 sr⁻¹, all clamped.
     Bits8,

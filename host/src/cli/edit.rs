@@ -20,8 +20,7 @@ pub(super) struct EditArgs {
     edit: Edit,
 }
 
-/// BRDFs are compared and blended by their reflectance, never by their coefficients. What was done is noted in the new map's
-/// attributes edit.1, edit.2, …
+/// What can be done.
 #[derive(Debug, Subcommand)]
 enum Edit {
     /// Reduces a map to a palette of BRDFs and an index image, both to be edited; `edit palette` makes a map of them again

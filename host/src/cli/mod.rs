@@ -72,6 +72,9 @@ enum Command {
     /// Makes a sampled SBRDF of a known material, with noise, to test fits on
     Synth(synth::SynthArgs),
     /// Edits SBRDF maps: palettes, means, composites, diffuse photographs, tiles
+    ///
+    /// BRDFs are compared and blended by their reflectance, never by their coefficients. What was done is noted in the new map's
+    /// attributes edit.1, edit.2, …
     Edit(edit::EditArgs),
     /// Renders a scene
     Render(render::RenderArgs),
