@@ -5,7 +5,7 @@ use rayon::prelude::*;
 
 use crate::fit::random::Random;
 use crate::plan::choose::{MAX_THETA_I_DEG, MAX_THETA_O_DEG};
-use crate::reflectance::Rgb;
+use crate::reflectance::{Lobe, LobeBrdf, Rgb};
 use crate::sampled::{PoseGeometry, SampledSbrdf};
 
 /// Distance of light and camera from the sample's centre, mm.
@@ -79,6 +79,25 @@ pub fn sample(
     });
     sampled.reflectance = values;
     sampled
+}
+
+/// A random material of lobes with shapes shared by the channels, n 5..150: forward off-specular and retro-reflective ones.
+pub fn material(lobes: usize, random: &mut Random) -> LobeBrdf {
+    let mut brdf = LobeBrdf::diffuse(colour(random, 0.1, 0.6));
+    for index in 0..lobes {
+        let n = random.uniform(5f64.ln(), 150f64.ln()).exp();
+        let sign = if index > 0 && random.uniform(0.0, 1.0) < 0.4 { 1.0 } else { -1.0 };
+        let cx = sign * random.uniform(0.85, 1.0);
+        let c = Vec3::new(cx as f32, cx as f32, random.uniform(0.75, 1.0) as f32);
+        let peak = random.uniform(0.1f64.ln(), 3f64.ln()).exp() as f32;
+        brdf.lobes.push(Lobe { rho_s: colour(random, 0.3, 1.0) * peak, c, n: n as f32 });
+    }
+    brdf
+}
+
+fn colour(random: &mut Random, low: f64, high: f64) -> Rgb {
+    let mut channel = || random.uniform(low, high) as f32;
+    Rgb::new(channel(), channel(), channel())
 }
 
 #[cfg(test)]

@@ -22,6 +22,8 @@ pub(super) struct ChartArgs {
 
 #[derive(Debug, Subcommand)]
 enum What {
+    /// Time and error of fits by method, number of lobes and noise; cost by the amount of data; direction of anisotropy by blur
+    Fit,
     /// Poses and travel of plans by their density
     Plan {
         /// The rig; the default one when not given
@@ -37,6 +39,7 @@ enum What {
 pub(super) fn run(args: &ChartArgs, context: &mut Context) -> Result<()> {
     let seed = context.seed;
     let chart = match &args.what {
+        What::Fit => context.report.stage("chart", || chart::fit::chart(seed))?,
         What::Plan { rig } => {
             let config = match rig {
                 Some(path) => {

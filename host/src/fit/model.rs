@@ -13,7 +13,7 @@ use crate::reflectance::{Lobe, LobeBrdf, Rgb};
 pub const EXPONENTS: [f64; 2] = [0.5, 5000.0];
 
 /// A lobe whose base stays below this within the cone of the samples is not seen.
-const LEAST_REFERENCE: f64 = 1e-3;
+pub const LEAST_REFERENCE: f64 = 1e-3;
 
 /// One lobe of the model.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -4,7 +4,7 @@ use glam::Vec3;
 
 use super::random::Random;
 use super::samples::Samples;
-use crate::reflectance::{Brdf, Lobe, LobeBrdf, Rgb};
+use crate::reflectance::{Brdf, Rgb};
 
 /// A random direction, uniform in solid angle up to a polar angle.
 fn direction(random: &mut Random, most_deg: f64) -> Vec3 {
@@ -52,24 +52,7 @@ pub(crate) fn measured(
     samples
 }
 
-/// A random material of lobes with shapes shared by the channels, n 5..150: forward off-specular and retro-reflective ones.
-pub(crate) fn material(lobes: usize, random: &mut Random) -> LobeBrdf {
-    let mut brdf = LobeBrdf::diffuse(colour(random, 0.1, 0.6));
-    for index in 0..lobes {
-        let n = random.uniform(5f64.ln(), 150f64.ln()).exp();
-        let sign = if index > 0 && random.uniform(0.0, 1.0) < 0.4 { 1.0 } else { -1.0 };
-        let cx = sign * random.uniform(0.85, 1.0);
-        let c = Vec3::new(cx as f32, cx as f32, random.uniform(0.75, 1.0) as f32);
-        let peak = random.uniform(0.1f64.ln(), 3f64.ln()).exp() as f32;
-        brdf.lobes.push(Lobe { rho_s: colour(random, 0.3, 1.0) * peak, c, n: n as f32 });
-    }
-    brdf
-}
-
-fn colour(random: &mut Random, low: f64, high: f64) -> Rgb {
-    let mut channel = || random.uniform(low, high) as f32;
-    Rgb::new(channel(), channel(), channel())
-}
+pub(crate) use crate::synth::material;
 
 /// ‖f̂ − f‖ / ‖f‖ over pairs of directions and channels.
 pub(crate) fn relative_error(fitted: &impl Brdf, truth: &impl Brdf, pairs: &[(Vec3, Vec3)]) -> f64 {

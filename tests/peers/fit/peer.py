@@ -17,7 +17,8 @@ from scipy.optimize import least_squares
 
 SIZE = 64
 POSES = 456
-SCIPY_TEXELS = 48
+# Texels that the others fit, spread over the sample.
+TEXELS = {"Ceres": 512, "SciPy": 48}
 # Base = ACROSS sin(angle) plane + ALONG cos(angle) zz: of C = (-1, -1, 1) the base is 1 in the mirror direction.
 ACROSS, ALONG = np.sqrt(1.5), np.sqrt(3)
 
@@ -125,15 +126,14 @@ def main(program, folder):
     synth = [program, "synth", recipe, "-o", folder / "samples.zarr", "--size", f"{SIZE}x{SIZE}", "--poses", str(POSES)]
     subprocess.run(synth + ["--noise", "1e-3", "--quiet"], check=True, stdout=subprocess.DEVNULL)
     plane, zz, rgb = products(folder / "samples.zarr")
-    print(f"{SIZE * SIZE} texels x {POSES} RGB samples, noise 1e-3 1/sr, texels a second of CPU time; SciPy on {SCIPY_TEXELS} texels")
+    print(f"{SIZE * SIZE} texels x {POSES} RGB samples, noise 1e-3 1/sr, texels a second of CPU time; {TEXELS} texels for the others")
     print("lobes  by        texels/s   Lobelia's rate   cost / Lobelia's: median  best  worst   cost above 1.001 x the other's")
-    some = np.linspace(0, SIZE * SIZE - 1, SCIPY_TEXELS).astype(int)
     for lobes in (1, 2):
         found, seconds = by_lobelia(program, folder, lobes)
         own, rate = costs(found, plane, zz, rgb), SIZE * SIZE / seconds
         print(f"{lobes:5}  Lobelia  {rate:9.0f}")
         for name in ("Ceres", "SciPy"):
-            at = some if name == "SciPy" else np.arange(SIZE * SIZE)
+            at = np.linspace(0, SIZE * SIZE - 1, TEXELS[name]).astype(int)
             if name == "SciPy":
                 found, seconds = by_scipy(plane[at], zz[at], rgb[at], lobes)
             else:

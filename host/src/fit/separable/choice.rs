@@ -2,7 +2,7 @@
 //!
 //! Leaving a pose out moves its residuals r to (I − H)⁻¹ r to first order, with H the pose's 3 × 3 block of the hat matrix of all unknowns, so no
 //! refit is needed. A lobe that stands on one or two samples has H near I there and predicts nothing. A larger model has to
-//! be better by two standard errors of the difference over poses: what errors of direction do to a few poses at
+//! be better by two standard errors of the difference over poses, or much better on the whole: what errors of direction do to a few poses at
 //! the flank of a highlight no lobe should be fitted to.
 
 use glam::{DMat3, DVec3};
@@ -18,6 +18,9 @@ use super::uncertainty::{Covariance, Response};
 
 /// Standard errors by which a larger model has to be better.
 const ERRORS: f64 = 2.0;
+/// Or the share of the sum of squares that it may leave: a sharp lobe that only two or three poses meet is never two
+/// standard errors better, but leaves next to nothing there.
+const SHARE: f64 = 0.7;
 
 /// The squared residuals of every pose, summed over channels, predicted without it; the model was evaluated last.
 pub fn left_out(solver: &Solver, task: Task, model: &Model, at: &Amplitudes) -> Vec<f64> {
@@ -81,10 +84,10 @@ pub fn left_out(solver: &Solver, task: Task, model: &Model, at: &Amplitudes) -> 
 
 /// Whether poses are predicted better with the squared residuals `large` than with `small`, beyond doubt.
 pub fn is_better(large: &[f64], small: &[f64]) -> bool {
-    let (mut sum, mut squares) = (0.0, 0.0);
+    let (mut gain, mut squares) = (0.0, 0.0);
     for (large, small) in large.iter().zip(small) {
-        sum += small - large;
+        gain += small - large;
         squares += (small - large) * (small - large);
     }
-    sum > ERRORS * squares.sqrt()
+    gain > ERRORS * squares.sqrt() || gain > (1.0 - SHARE) * small.iter().sum::<f64>()
 }
