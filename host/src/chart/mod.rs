@@ -13,6 +13,7 @@ use crate::page::{self, html};
 
 pub mod plan;
 mod plot;
+pub mod render;
 mod table;
 
 pub use plot::{Axis, Plot, Series};
