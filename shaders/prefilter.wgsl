@@ -82,9 +82,9 @@ fn prefilter(@builtin(global_invocation_id) id: vec3u) {
     if index >= job.map.x * job.map.y {
         return;
     }
-    let uv = (vec2f(f32(index % job.map.x), f32(index / job.map.x)) + 0.5) / vec2f(job.map);
-    let polar = uv.y * PI;
-    let azimuth = (uv.x - 0.5) * TAU;
+    // The first and the last row are the poles.
+    let polar = f32(index / job.map.x) / f32(job.map.y - 1) * PI;
+    let azimuth = ((f32(index % job.map.x) + 0.5) / f32(job.map.x) - 0.5) * TAU;
     let toward = vec3f(sin(polar) * sin(azimuth), cos(polar), -sin(polar) * cos(azimuth));
     let light = filtered(toward);
     map[index] = vec4f(select(vec3f(DARK), max(log2(light), vec3f(DARK)), light > vec3f(0.0)), 1.0);

@@ -15,6 +15,7 @@ pub mod fit;
 pub mod interpolation;
 pub mod plan;
 mod plot;
+pub mod render;
 pub mod storage;
 mod table;
 

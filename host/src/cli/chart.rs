@@ -8,6 +8,7 @@ use super::Context;
 use crate::chart;
 use crate::error::Result;
 use crate::rig::config::RigConfig;
+use crate::scene::{Scene, shipped};
 use crate::toml_file;
 
 /// Arguments of `lobelia chart`.
@@ -33,6 +34,17 @@ enum What {
     Storage,
     /// Interpolated coefficients against interpolated reflectance, between texels and in MIP levels
     Interpolation,
+    /// Time against error of every renderer and setting, judged by the reference
+    Render {
+        /// Scenes, files or shipped ones; all shipped ones when none is named
+        scenes: Vec<PathBuf>,
+        /// Samples a pixel of the reference that judges
+        #[arg(long, default_value_t = 1024, value_parser = clap::value_parser!(u32).range(16..=1_048_576))]
+        samples: u32,
+        /// Pixels a row of the pictures; rows follow from the scene's own shape
+        #[arg(long, default_value_t = 160, value_parser = clap::value_parser!(u32).range(16..=4096))]
+        width: u32,
+    },
 }
 
 /// Runs `lobelia chart`.
@@ -52,9 +64,30 @@ pub(super) fn run(args: &ChartArgs, context: &mut Context) -> Result<()> {
         }
         What::Storage => context.report.stage("chart", || chart::storage::chart(seed)),
         What::Interpolation => context.report.stage("chart", chart::interpolation::chart),
+        What::Render { scenes, samples, width } => {
+            let scenes = open(scenes, *width)?;
+            context.report.stage("chart", || chart::render::chart(&scenes, *samples, seed))?
+        }
     };
     let page = chart.write(&args.output)?;
     print!("{chart}");
     println!("{}", page.display());
     Ok(())
+}
+
+/// The scenes named, or all that are shipped, at a width of pictures.
+///
+/// # Errors
+/// Input errors for a scene that cannot be read.
+fn open(names: &[PathBuf], width: u32) -> Result<Vec<(String, Scene)>> {
+    let shipped: Vec<PathBuf> = shipped::SCENES.iter().map(|scene| scene.0.into()).collect();
+    let names = if names.is_empty() { &shipped } else { names };
+    let scenes = names.iter().map(|name| {
+        let mut scene = Scene::open(name)?;
+        let camera = &mut scene.camera;
+        camera.height = (width * camera.height / camera.width).max(1);
+        camera.width = width;
+        Ok((name.display().to_string(), scene))
+    });
+    scenes.collect()
 }

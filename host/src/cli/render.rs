@@ -41,10 +41,10 @@ pub(super) struct RenderArgs {
     /// A reference picture of the same view: RMSE, relative RMSE and FLIP against it are told and reported
     #[arg(long, value_name = "FILE.exr")]
     pub(super) against: Option<PathBuf>,
-    /// Pixels a row, instead of the scene's.
+    /// Pixels a row, instead of the scene's; rows follow
     #[arg(long)]
     pub(super) width: Option<u32>,
-    /// Rows, instead of the scene's.
+    /// Rows, instead of the scene's; pixels a row follow when --width is not given
     #[arg(long)]
     pub(super) height: Option<u32>,
 }
@@ -150,8 +150,13 @@ fn render_scene(args: &RenderArgs, seed: u64) -> Result<RenderOutcome> {
     let mut scene = Scene::open(&args.scene)?;
     let keys = scene.animation.iter_mut().flat_map(|animation| &mut animation.keys);
     for camera in std::iter::once(&mut scene.camera).chain(keys) {
-        camera.width = args.width.unwrap_or(camera.width);
-        camera.height = args.height.unwrap_or(camera.height);
+        let scaled =
+            |side: u32, from: u32, to: u32| (side as f32 * to as f32 / from as f32).round().max(1.0) as u32;
+        (camera.width, camera.height) = match (args.width, args.height) {
+            (Some(width), None) => (width, scaled(camera.height, camera.width, width)),
+            (None, Some(height)) => (scaled(camera.width, camera.height, height), height),
+            (width, height) => (width.unwrap_or(camera.width), height.unwrap_or(camera.height)),
+        };
     }
     let views = views(&scene, args)?;
     let against = args.against.as_deref().map(Picture::read_exr).transpose()?;
@@ -258,10 +263,10 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let outcome = render_scene(&args(folder.path(), Method::Reference, &["a.exr", "a.png"]), 1).unwrap();
         let rendering = &outcome.rendering;
-        assert_eq!((rendering.picture.width, rendering.picture.height), (32, 48));
+        assert_eq!((rendering.picture.width, rendering.picture.height), (32, 24));
         assert_eq!((outcome.method, rendering.cost.samples), (Method::Reference, 4));
-        assert!(rendering.cost.rays > 32 * 48 * 4 && rendering.cost.memory_bytes > 32 * 48 * 16);
-        assert_eq!(image::image_dimensions(folder.path().join("a.png")).unwrap(), (32, 48));
+        assert!(rendering.cost.rays > 32 * 24 * 4 && rendering.cost.memory_bytes > 32 * 24 * 16);
+        assert_eq!(image::image_dimensions(folder.path().join("a.png")).unwrap(), (32, 24));
         assert!(folder.path().join("a.exr").exists());
     }
 

@@ -269,8 +269,10 @@ impl Shader {
             let length = lobe.peak.length();
             let height = math::powf(length, lobe.n);
             let solid_angle = std::f32::consts::TAU / (lobe.n + 1.0);
-            let cosine = (lobe.peak.z / length).max(0.05);
-            lobe.share = colour::luminance(lobe.rho_s.abs()) * height * solid_angle * cosine;
+            lobe.share = colour::luminance(lobe.rho_s.abs())
+                * height
+                * solid_angle
+                * gathered(lobe.peak.z / length, lobe.n);
             if !lobe.share.is_finite() {
                 lobe.share = 0.0;
             }
@@ -305,6 +307,17 @@ impl Shader {
             }
         }
         (reflectance, density)
+    }
+}
+
+/// About the mean cosine over a lobe above the horizon, by the cosine of its peak: that of the peak, or of a half lobe at the
+/// horizon, and falling as the lobe does where the peak is below.
+fn gathered(cosine: f32, n: f32) -> f32 {
+    let half = 0.4 / (n + 1.0).sqrt();
+    if cosine >= 0.0 {
+        cosine.max(half)
+    } else {
+        half * math::powf((1.0 - cosine * cosine).max(f32::MIN_POSITIVE), 0.5 * n)
     }
 }
 

@@ -22,7 +22,7 @@
 //! tiling = [4.0, 4.0]
 //!
 //! [[light]]
-//! kind = "directional"
+//! kind = "directional"                  # or "point": position, intensity; or "rectangle": centre, edges, radiance
 //! toward = [0.3, 1.0, 0.5]
 //! irradiance = [2.0, 2.0, 2.0]
 //!

@@ -97,6 +97,7 @@ fn lobes_are_sampled_with_their_density() {
         with(vec![lobe([-1.1, -0.4, 0.7], 12.0)]),
         with(vec![lobe([0.8, 0.6, 0.9], 5.0), lobe([-1.0, 0.9, 0.2], 2.0)]),
         with(vec![lobe([-1.0, -1.0, 1.0], 100.0), lobe([-1.0, -1.0, 0.3], 0.5)]),
+        materials::published("clay").unwrap(),
         materials::published("blue-paint").unwrap(),
         materials::published("primer").unwrap(),
     ];
@@ -118,6 +119,11 @@ fn lobes_are_sampled_with_their_density() {
                 counts[cell_of(wi)] += 1.0;
             }
             let expected: Vec<f64> = expected(&shader).iter().map(|p| p * f64::from(SAMPLES)).collect();
+            // No more than a lobe that lies half below the horizon loses.
+            assert!(
+                counts[CELLS.0 * CELLS.1] < 0.6 * f64::from(SAMPLES),
+                "material {name}, view {view} wastes samples"
+            );
             let deviate = deviate(&counts, &expected);
             assert!(deviate < limit, "material {name}, view {view}: {deviate} > {limit}");
         }
