@@ -2,7 +2,7 @@
 //!
 //! L(ω_r) ≈ ρ_d D(N) + Σ_j ρ_s,j |p_j|^n_j S(p_j / |p_j|, n_j) H,  p_j = C'_j ω_r
 //!
-//! with H the cosine at the lobe's peak (6.18), or corrected for the horizon ([`horizon`]). No shadows and no
+//! with H the cosine at the lobe's peak (6.18), or corrected for the horizon. No shadows and no
 //! interreflection. Lights without extent are added as in `lights`.
 
 mod gpu;
