@@ -117,6 +117,7 @@ fn methods(seed: u64) -> Result<Section> {
         ),
         plots,
         tables: vec![table],
+        ..Section::default()
     })
 }
 
@@ -185,6 +186,7 @@ fn amounts(seed: u64) -> Result<Section> {
             series: series.collect(),
         }],
         tables: vec![table],
+        ..Section::default()
     })
 }
 
@@ -212,6 +214,7 @@ fn weave(seed: u64) -> Result<Section> {
             series: series.collect(),
         }],
         tables: vec![table],
+        ..Section::default()
     })
 }
 
