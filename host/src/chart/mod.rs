@@ -16,6 +16,7 @@ pub mod interpolation;
 pub mod plan;
 mod plot;
 pub mod render;
+pub mod stability;
 pub mod storage;
 mod table;
 

@@ -20,6 +20,7 @@ mod fit;
 mod plan;
 mod render;
 mod rig;
+mod stability;
 mod synth;
 mod template;
 
@@ -82,6 +83,8 @@ enum Command {
     Compare(compare::CompareArgs),
     /// Plots what a method costs against how right it is
     Chart(chart::ChartArgs),
+    /// Shows methods where they break
+    Stability(stability::StabilityArgs),
     /// Prints a commented example of a file that Lobelia reads
     Template(template::TemplateArgs),
     /// Prints a completion script for a shell
@@ -106,6 +109,7 @@ impl Command {
             Self::Rig(_) => "rig",
             Self::Synth(_) => "synth",
             Self::Chart(_) => "chart",
+            Self::Stability(_) => "stability",
             Self::Compare(_) => "compare",
             Self::Template(_) => "template",
             Self::Completions { .. } => "completions",
@@ -178,6 +182,7 @@ fn run(cli: Cli) -> Result<()> {
         Command::Edit(args) => edit::run(&args, &mut context),
         Command::Render(args) => render::run(&args, &mut context),
         Command::Compare(args) => compare::run(&args, &mut context),
+        Command::Stability(args) => stability::run(&args, &mut context),
         Command::Chart(args) => chart::run(&args, &mut context),
         Command::Template(args) => template::run(&args),
         Command::Completions { shell } => {

@@ -1,0 +1,37 @@
+//! `lobelia stability`: methods where they break.
+
+use std::path::PathBuf;
+
+use clap::{Args, Subcommand};
+
+use super::Context;
+use crate::chart::stability;
+use crate::error::Result;
+
+/// Arguments of `lobelia stability`.
+#[derive(Debug, Args)]
+pub(super) struct StabilityArgs {
+    #[command(subcommand)]
+    what: What,
+    /// Folder for NAME.html, NAME.json and the plots as SVG
+    #[arg(short, long, global = true, default_value = "charts")]
+    output: PathBuf,
+}
+
+#[derive(Debug, Subcommand)]
+enum What {
+    /// Fits of one noisy lobe against the Cramér–Rao bound, n from 1 to 500
+    Fit,
+}
+
+/// Runs `lobelia stability`.
+pub(super) fn run(args: &StabilityArgs, context: &mut Context) -> Result<()> {
+    let seed = context.seed;
+    let chart = match args.what {
+        What::Fit => context.report.stage("stability", || stability::fit(seed))?,
+    };
+    let page = chart.write(&args.output)?;
+    print!("{chart}");
+    println!("{}", page.display());
+    Ok(())
+}
