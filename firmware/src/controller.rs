@@ -43,7 +43,7 @@ enum Task {
     Home(Purpose, [Option<Homing>; AXES]),
     /// Axes have come to rest, after a move or else after a search that found something, and settle.
     Settle { until_us: u64, found: Option<Answer> },
-    /// The camera isn't ready yet; is looked at again at `look_us`.
+    /// The shutter rests, or the camera isn't ready yet; is looked at again at `look_us`.
     AwaitCamera { look_us: u64, until_us: u64, duration_us: u32, warm_lamp: bool },
     /// The shutter is open; with `lit` the lamp must be seen.
     Expose { lit: bool },

@@ -188,7 +188,7 @@ pub enum Command {
         /// Level, of 65535.
         level: u16,
     },
-    /// Fires the shutter, 1 ms after it last closed or later. Answered when it has closed.
+    /// Fires the shutter, after a rest of 1 ms. Answered when it has closed.
     Expose {
         /// Open time, µs.
         duration_us: u32,

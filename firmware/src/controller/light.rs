@@ -4,7 +4,7 @@ use lobelia_protocol::{Answer, Fault, Field, LampStatus, Outcome, Refusal};
 
 use super::{Controller, Task, Trouble};
 use crate::board::{Board, PinFailure, is_high};
-use crate::shutter::{Closed, OPEN_US};
+use crate::shutter::{Closed, OPEN_US, REST_US};
 
 /// The camera is looked at this often while it isn't ready, µs.
 const LOOK_EVERY_US: u64 = 1000;
@@ -25,9 +25,14 @@ impl<B: Board> Controller<B> {
             return Err(Refusal::LampNotWarm { remaining_s: lamp.on.then_some(lamp.remaining_s) }.into());
         }
         let wait_ms = self.configuration.map_or(0, |configuration| configuration.settings.camera_wait_ms);
-        let until_us = now_us.max(self.shutter.rested_us()) + u64::from(wait_ms) * 1000;
-        let task = self.open_when_ready(now_us, (until_us, duration_us, warm_lamp))?;
-        Ok(task.ok_or(Refusal::CameraNotReady)?)
+        // A rest before each exposure, whatever was before it: times do not depend on the past.
+        let look_us = now_us + REST_US;
+        Ok(Task::AwaitCamera {
+            look_us,
+            until_us: look_us + u64::from(wait_ms) * 1000,
+            duration_us,
+            warm_lamp,
+        })
     }
 
     /// Opens the shutter if the camera is ready, or waits for it; nothing when that has taken too long.
@@ -36,10 +41,6 @@ impl<B: Board> Controller<B> {
         now_us: u64,
         (until_us, duration_us, warm_lamp): (u64, u32, bool),
     ) -> Result<Option<Task>, PinFailure> {
-        let look_us = self.shutter.rested_us();
-        if now_us < look_us {
-            return Ok(Some(Task::AwaitCamera { look_us, until_us, duration_us, warm_lamp }));
-        }
         let ready = self.options.camera_ready.as_mut().map_or(Ok(true), is_high)?;
         if ready {
             self.shutter.open(now_us, duration_us)?;

@@ -14,16 +14,14 @@ const MAX_LATE_US: u64 = 10;
 /// Fewest readings of an exposure.
 const LEAST_READINGS: u32 = 16;
 
-/// It stays closed for this long between two exposures, µs, so that a camera can tell them apart.
-const REST_US: u64 = 1000;
+/// It stays closed for this long before each exposure, µs, so that a camera can tell it from the one before.
+pub(crate) const REST_US: u64 = 1000;
 
 /// The shutter's pin and the exposure under way.
 #[derive(Debug)]
 pub(crate) struct Shutter<P> {
     pin: P,
     exposure: Option<Open>,
-    /// When it may open again.
-    rested_us: u64,
 }
 
 #[derive(Debug)]
@@ -74,7 +72,7 @@ impl Open {
 
 impl<P: OutputPin> Shutter<P> {
     pub(crate) fn new(pin: P) -> Self {
-        Self { pin, exposure: None, rested_us: 0 }
+        Self { pin, exposure: None }
     }
 
     /// Opens it for `duration_us`.
@@ -90,11 +88,6 @@ impl<P: OutputPin> Shutter<P> {
     pub(crate) fn close(&mut self) -> Result<(), PinFailure> {
         self.exposure = None;
         set(&mut self.pin, false)
-    }
-
-    /// When it may open again after the last exposure, in µs.
-    pub(crate) fn rested_us(&self) -> u64 {
-        self.rested_us
     }
 
     /// When it next has to be polled, in µs.
@@ -127,7 +120,6 @@ impl<P: OutputPin> Shutter<P> {
             };
             let late_us = now_us - open.end_us();
             self.exposure = None;
-            self.rested_us = now_us + REST_US;
             let in_time = late_us <= MAX_LATE_US;
             return Ok(Some(if in_time { Closed::InTime(exposure) } else { Closed::Late(late_us as u32) }));
         }
