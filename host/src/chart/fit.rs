@@ -83,15 +83,22 @@ fn methods(seed: u64) -> Result<Section> {
             seed,
         };
         let sampled = synth::sample(&options, |index, _, wi, wo| truth[index].eval(wi, wo));
-        let (mut points, mut names) = (Vec::new(), Vec::new());
+        let mut series: Vec<Series> = Vec::new();
         for (name, options) in &candidates {
             let start = Instant::now();
             let map = fit::fit_sbrdf(&sampled, options)?;
             let time_ms = start.elapsed().as_secs_f64() * 1e3 / truth.len() as f64;
             let errors = errors(&map, &truth, seed);
             let at = |share: f64| errors[((errors.len() - 1) as f64 * share) as usize];
-            points.push([time_ms, at(0.5)]);
-            names.push(name.clone());
+            let family = name.split(',').next().unwrap_or(name);
+            if series.last().is_none_or(|last| last.name != family || options.choose) {
+                let shown = if options.choose { name.as_str() } else { family };
+                series.push(Series::new(shown, Vec::new()));
+            }
+            if let Some(last) = series.last_mut() {
+                last.points.push([time_ms, at(0.5)]);
+                last.labels.push(name.clone());
+            }
             table.row([
                 noise.into(),
                 name.as_str().into(),
@@ -103,10 +110,10 @@ fn methods(seed: u64) -> Result<Section> {
             bar.advance(1);
         }
         plots.push(Plot {
-            title: format!("noise {noise:e} 1/sr"),
+            title: format!("Noise {noise} 1/sr; each method with 0, 1, 2, … lobes"),
             x: Axis::log("ms a texel"),
             y: Axis::log("median error"),
-            series: vec![Series::scattered("methods", points, names)],
+            series,
         });
     }
     Ok(Section {

@@ -23,10 +23,14 @@ pub(crate) fn significant(value: f64, digits: usize) -> String {
 /// A value without trailing zeros, for the ticks of an axis.
 pub(crate) fn tick(value: f64) -> String {
     let text = significant(value, 3);
-    if text.contains('×') || !text.contains('.') {
-        return text;
+    let (mantissa, power) = text.split_once(" × ").map_or((text.as_str(), None), |(m, p)| (m, Some(p)));
+    let short =
+        if mantissa.contains('.') { mantissa.trim_end_matches('0').trim_end_matches('.') } else { mantissa };
+    match power {
+        Some(power) if short == "1" => power.into(),
+        Some(power) => format!("{short} × {power}"),
+        None => short.into(),
     }
-    text.trim_end_matches('0').trim_end_matches('.').into()
 }
 
 /// The ticks of one axis: positive values of about the same size with the same number of decimals.
@@ -34,7 +38,8 @@ pub(crate) fn ticks(values: &[f64]) -> Vec<String> {
     let texts: Vec<String> = values.iter().map(|&value| tick(value)).collect();
     let (low, high) = values.iter().fold((f64::MAX, 0f64), |(low, high), &v| (low.min(v), high.max(v)));
     let alike = high < 5.0 * low;
-    if !alike || texts.iter().any(|text| text.contains('×')) {
+    let is_power = |text: &String| text.contains(SUPERSCRIPTS);
+    if !alike || texts.iter().any(is_power) {
         return texts;
     }
     let decimals = |text: &String| text.split_once('.').map_or(0, |(_, digits)| digits.len());
@@ -82,10 +87,11 @@ pub(crate) fn degrees(radians: f64) -> String {
     if whole < 0.0 { format!("−{:.0}°", -whole) } else { format!("{:.0}°", whole.abs()) }
 }
 
+const SUPERSCRIPTS: [char; 10] = ['⁰', '¹', '²', '³', '⁴', '⁵', '⁶', '⁷', '⁸', '⁹'];
+
 fn superscript(exponent: i32) -> String {
-    const DIGITS: [char; 10] = ['⁰', '¹', '²', '³', '⁴', '⁵', '⁶', '⁷', '⁸', '⁹'];
     let raise = |c: char| match c.to_digit(10) {
-        Some(digit) => DIGITS[digit as usize],
+        Some(digit) => SUPERSCRIPTS[digit as usize],
         None => '⁻',
     };
     exponent.to_string().chars().map(raise).collect()
@@ -102,8 +108,10 @@ mod tests {
         let wanted = ["0", "0.00488", "0.126", "10.0", "1235", "−0.500", "1.00 × 10⁻⁷", "2.50 × 10⁹", "–"];
         assert_eq!(written, wanted);
         assert_eq!([0.5, 20.0, 0.25, 100.0].map(tick), ["0.5", "20", "0.25", "100"]);
+        assert_eq!([1e-7, 2e9, 1.5e6].map(tick), ["10⁻⁷", "2 × 10⁹", "1.5 × 10⁶"]);
         assert_eq!(ticks(&[0.058, 0.06, 0.062]), ["0.058", "0.060", "0.062"]);
         assert_eq!(ticks(&[0.01, 0.1, 1.0]), ["0.01", "0.1", "1"]);
+        assert_eq!(ticks(&[1e-7]), ["10⁻⁷"]);
         assert_eq!(ticks(&[-1.0, -0.5, 0.0]), ["−1", "−0.5", "0"]);
     }
 
