@@ -480,7 +480,7 @@ fn nothing_wrong_and_nothing_twice_over_a_hundred_thousand_faulted_frames() {
 }
 
 #[test]
-#[ignore = "long: minutes"]
+#[ignore = "long: minutes: cargo xtask long"]
 fn nothing_wrong_and_nothing_twice_over_ten_million_faulted_frames() {
     let drives = (1..=10).map(|seed| std::thread::spawn(move || drive(seed, 1_000_000)));
     for drive in drives.collect::<Vec<_>>() {

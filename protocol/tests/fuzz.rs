@@ -177,13 +177,13 @@ fn frames_are_found_in_any_stream() {
 }
 
 #[test]
-#[ignore = "long: 30 s"]
+#[ignore = "long: 30 s: cargo xtask long"]
 fn packets_survive_any_payload_for_long() {
     fuzz(&LONG, corpus(), packets);
 }
 
 #[test]
-#[ignore = "long: 30 s"]
+#[ignore = "long: 30 s: cargo xtask long"]
 fn frames_are_found_in_any_stream_for_long() {
     fuzz(&LONG, framed(&corpus()), stream);
 }

@@ -188,7 +188,7 @@ fn a_host_killed_in_mid_run_leaves_the_rig_safe_within_the_lease() {
 }
 
 #[test]
-#[ignore = "long: minutes"]
+#[ignore = "long: minutes: cargo xtask long"]
 fn a_hundred_hosts_killed_at_random_instants_leave_the_rig_safe_within_the_lease() {
     kill_hosts(100);
 }

@@ -199,7 +199,7 @@ fn one_deterministic_start_comes_within_two_percent_of_the_best_of_64_random_one
 }
 
 #[test]
-#[ignore = "long"]
+#[ignore = "long: cargo xtask long"]
 fn so_it_does_for_95_percent_of_200_texels() {
     for lobes in 1..=3 {
         let share = share_within_two_percent(200, lobes);
@@ -258,7 +258,7 @@ fn stated_standard_deviations_are_those_of_200_noisy_repeats() {
 }
 
 #[test]
-#[ignore = "long"]
+#[ignore = "long: cargo xtask long"]
 fn so_they_are_for_1000_repeats() {
     for isotropic in [true, false] {
         let ratios = spread_over_stated(1000, isotropic);
