@@ -1,15 +1,11 @@
 //! A scene's triangles in the world, with the tree that finds the one a ray hits and the frame at that point.
 
 use std::ops::Range;
-use std::time::Duration;
 
 use glam::{Affine3A, Mat3A, Vec2, Vec3, Vec3A};
-use obvhs::BvhBuildParams;
-use obvhs::cwbvh::{CwBvh, builder::build_cwbvh_from_tris};
-use obvhs::ray::{Ray, RayHit};
-use obvhs::rt_triangle::RtTriangle;
 use obvhs::triangle::Triangle;
 
+use super::bvh::Bvh;
 use crate::scene::{Light, Mesh, Scene, Vertex, shapes};
 
 /// The least cosine between the shading normal and the view: a normal that points away from the viewer is bent to it,
@@ -22,9 +18,7 @@ pub(crate) struct Geometry {
     triangles: Vec<[u32; 3]>,
     /// Object a triangle; rectangular lights come after the scene's objects.
     objects: Vec<u32>,
-    bvh: CwBvh,
-    /// Triangles in the tree's order, ready to intersect.
-    leaves: Vec<RtTriangle>,
+    bvh: Bvh,
     /// Length by which rays are kept off the surface that they start from, relative to coordinates.
     offset: f32,
 }
@@ -105,31 +99,20 @@ impl Geometry {
             .iter()
             .map(|&[a, b, c]| Triangle { v0: corner(a), v1: corner(b), v2: corner(c) })
             .collect();
-        let bvh = build_cwbvh_from_tris(&triangles, BvhBuildParams::slow_build(), &mut Duration::default());
-        let leaves =
-            bvh.primitive_indices.iter().map(|&i| RtTriangle::from(&triangles[i as usize])).collect();
         let (low, high) = joined.bounds();
         let extent = if joined.vertices.is_empty() { 0.0 } else { low.abs().max(high.abs()).max_element() };
         Self {
             vertices: joined.vertices,
             triangles: joined.triangles,
             objects,
-            bvh,
-            leaves,
+            bvh: Bvh::new(&triangles),
             offset: extent.max(f32::MIN_POSITIVE) * 2e-5,
         }
     }
 
     /// The nearest triangle along a ray of unit direction.
     pub(crate) fn nearest(&self, origin: Vec3, direction: Vec3) -> Option<Hit> {
-        if self.leaves.is_empty() {
-            return None;
-        }
-        let mut hit = RayHit::none();
-        let ray = Ray::new_inf(origin.into(), direction.into());
-        self.bvh
-            .ray_traverse(ray, &mut hit, |ray, id| intersect(&self.leaves[id], ray))
-            .then(|| Hit { triangle: self.bvh.primitive_indices[hit.primitive_id as usize], distance: hit.t })
+        self.bvh.nearest(origin, direction).map(|(triangle, distance)| Hit { triangle, distance })
     }
 
     /// Where rays that leave a surface start.
@@ -153,16 +136,13 @@ impl Geometry {
         size_of_val(&self.vertices[..])
             + size_of_val(&self.triangles[..])
             + size_of_val(&self.objects[..])
-            + size_of_val(&self.leaves[..])
-            + size_of_val(&self.bvh.nodes[..])
-            + size_of_val(&self.bvh.primitive_indices[..])
+            + self.bvh.bytes()
     }
 
     /// Whether anything lies between a surface point and just before `distance` along a unit direction.
     pub(crate) fn occluded(&self, surface: &Surface, direction: Vec3, distance: f32) -> bool {
         let reach = distance - 3.0 * self.offset - distance.min(f32::MAX) * 1e-5;
-        let ray = Ray::new(self.leaving(surface).into(), direction.into(), 0.0, reach);
-        !self.bvh.ray_traverse_miss(ray, |ray, id| intersect(&self.leaves[id], ray))
+        self.bvh.any(self.leaving(surface), direction, reach)
     }
 
     /// The surface at a hit, seen from the ray's origin. Surfaces have two sides with the same material.
@@ -209,26 +189,6 @@ impl Geometry {
             object: self.objects[hit.triangle as usize],
         }
     }
-}
-
-/// Distance along the ray, infinity for a miss. Unlike obvhs's own test this one counts edges (−0.0 too) as inside, with
-/// a margin of rounding, so that no ray slips between two triangles.
-#[inline]
-fn intersect(triangle: &RtTriangle, ray: &Ray) -> f32 {
-    const MARGIN: f32 = -1e-6;
-    let c = triangle.v0 - ray.origin;
-    let r = ray.direction.cross(c);
-    let inverse = 1.0 / triangle.ng.dot(ray.direction);
-    let u = r.dot(triangle.e2) * inverse;
-    let v = r.dot(triangle.e1) * inverse;
-    // A ray in the triangle's plane makes these NaN or infinite, which is a miss.
-    if u >= MARGIN && v >= MARGIN && u + v <= 1.0 - MARGIN {
-        let t = triangle.ng.dot(c) * inverse;
-        if t >= ray.tmin && t <= ray.tmax {
-            return t;
-        }
-    }
-    f32::INFINITY
 }
 
 /// The sample's axes from interpolated vectors: normal (on the viewer's side), tangent, and the sign of y. The shader in

@@ -7,6 +7,7 @@
 //! | `environment` | environment by prefiltered maps (6.13)–(6.18), lights as in `lights`; no shadows | CPU |
 //! | `lights` | point, directional, rectangular as points (6.9); no shadows | GPU |
 
+mod bvh;
 pub mod compare;
 pub mod environment;
 mod flip;
