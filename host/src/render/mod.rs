@@ -8,6 +8,7 @@
 //! | `lights` | point, directional, rectangular as points (6.9); no shadows | GPU |
 
 mod bvh;
+pub mod choose;
 pub mod compare;
 pub mod environment;
 mod flip;
@@ -110,7 +111,7 @@ impl Cost {
 /// The methods by their names on the command line.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
 pub enum Method {
-    /// `lights` when there is a GPU and no environment to light the scene, else `reference`.
+    /// The cheapest that meets --max-error; without it `lights` when there is a GPU and no environment, else `reference`.
     Auto,
     /// Path tracer on the CPU.
     Reference,
@@ -118,6 +119,18 @@ pub enum Method {
     Lights,
     /// Prefiltered environment maps on the CPU.
     Environment,
+}
+
+impl Method {
+    /// Its name.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Auto => "auto",
+            Self::Reference => "reference",
+            Self::Lights => "lights",
+            Self::Environment => "environment",
+        }
+    }
 }
 
 /// A scene made ready, the method that did, and why another was passed over.
