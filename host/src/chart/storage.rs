@@ -3,13 +3,13 @@
 //! A lobe's value goes as the n-th power of its base, so an error of C counts n times: what is exact enough for a colour is not for
 //! C of a sharp lobe.
 
-use exr::prelude::f16;
 use glam::Vec3;
 
 use super::{Axis, Chart, Plot, Section, Series, Table};
 use crate::edit::pairs::Pairs;
 use crate::fit::random::Random;
 use crate::reflectance::{Brdf, Lobe, LobeBrdf, Rgb, materials};
+use crate::render::storage::{Storage, brightest};
 
 /// Exponents of the test lobes.
 const EXPONENTS: [f32; 12] = [1.0, 2.0, 4.0, 8.0, 16.0, 32.0, 64.0, 128.0, 256.0, 512.0, 1024.0, 2048.0];
@@ -17,105 +17,6 @@ const EXPONENTS: [f32; 12] = [1.0, 2.0, 4.0, 8.0, 16.0, 32.0, 64.0, 128.0, 256.0
 const LOBES: usize = 48;
 /// Pairs of directions that an error is taken over.
 const PAIRS: usize = 512;
-/// Bounds of the logarithmic 8-bit exponent.
-const LOG_EXPONENT: [f32; 2] = [0.5, 5000.0];
-
-/// A way to store coefficients.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Storage {
-    /// 32-bit floats.
-    F32,
-    /// 16-bit floats.
-    F16,
-    /// 16-bit floats, C scaled so that a lobe's largest base is exactly 1; ρ_s is then its peak.
-    F16Scaled,
-    /// 8 bits a coefficient as the source did: C over −1..1, n over 0..255, albedos over 0..1 sr⁻¹, all clamped.
-    Bits8,
-    /// 8 bits: C scaled as above, ln n, and albedos over the map's own range.
-    Bits8Scaled,
-}
-
-impl Storage {
-    /// All of them.
-    pub const ALL: [Self; 5] = [Self::F32, Self::F16, Self::F16Scaled, Self::Bits8, Self::Bits8Scaled];
-
-    /// Name in charts.
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::F32 => "f32",
-            Self::F16 => "f16",
-            Self::F16Scaled => "f16, C scaled",
-            Self::Bits8 => "8 bits, as published",
-            Self::Bits8Scaled => "8 bits, C scaled, log n",
-        }
-    }
-
-    /// Bytes of a texel with one lobe: ρ_d, ρ_s, C and n, with β.
-    pub fn bytes(self) -> usize {
-        11 * match self {
-            Self::F32 => 4,
-            Self::F16 | Self::F16Scaled => 2,
-            Self::Bits8 | Self::Bits8Scaled => 1,
-        }
-    }
-
-    /// The BRDF as it comes back; `brightest` is the largest albedo factor of the map.
-    pub fn stored(self, brdf: &LobeBrdf, brightest: f32) -> LobeBrdf {
-        let albedo = |rho: Rgb| match self {
-            Self::F32 => rho,
-            Self::F16 | Self::F16Scaled => half(rho),
-            Self::Bits8 => rho.map(|rho| unorm(rho, 0.0, 1.0)),
-            Self::Bits8Scaled => rho.map(|rho| unorm(rho, 0.0, brightest)),
-        };
-        let lobe = |lobe: &Lobe| {
-            let is_scaled = matches!(self, Self::F16Scaled | Self::Bits8Scaled);
-            let Lobe { rho_s, c, n } = if is_scaled { scaled(lobe) } else { *lobe };
-            let (c, n) = match self {
-                Self::F32 => (c, n),
-                Self::F16 | Self::F16Scaled => (half(c), f16::from_f32(n).to_f32()),
-                Self::Bits8 => (c.map(|c| unorm(c, -1.0, 1.0)), unorm(n, 0.0, 255.0)),
-                Self::Bits8Scaled => {
-                    let [least, most] = LOG_EXPONENT.map(f32::ln);
-                    (c.map(snorm), unorm(n.ln(), least, most).exp())
-                }
-            };
-            Lobe { rho_s: albedo(rho_s), c, n }
-        };
-        LobeBrdf { rho_d: albedo(brdf.rho_d), beta: brdf.beta, lobes: brdf.lobes.iter().map(lobe).collect() }
-    }
-}
-
-fn half(v: Vec3) -> Vec3 {
-    v.map(|v| f16::from_f32(v).to_f32())
-}
-
-/// A value in 256 steps over a range.
-fn unorm(value: f32, low: f32, high: f32) -> f32 {
-    let step = ((value - low) / (high - low)).clamp(0.0, 1.0) * 255.0;
-    low + step.round() / 255.0 * (high - low)
-}
-
-/// A value in 255 steps over −1..1, of which −1, 0 and 1 are exact.
-fn snorm(value: f32) -> f32 {
-    (value.clamp(-1.0, 1.0) * 127.0).round() / 127.0
-}
-
-/// The same lobe with the largest base over all pairs of directions scaled to 1: ρ_s is then its peak. A lobe whose base is
-/// nowhere positive stays as it is.
-fn scaled(lobe: &Lobe) -> Lobe {
-    let largest = lobe.c.x.abs().max(lobe.c.y.abs()).max(lobe.c.z);
-    if largest <= 0.0 {
-        return *lobe;
-    }
-    let factor = f64::from(largest).powf(f64::from(lobe.n)) as f32;
-    Lobe { rho_s: lobe.rho_s * factor, c: lobe.c / largest, n: lobe.n }
-}
-
-/// The largest albedo factor of a BRDF after scaling C.
-fn brightest(brdf: &LobeBrdf) -> f32 {
-    let lobes = brdf.lobes.iter().map(|lobe| scaled(lobe).rho_s.max_element());
-    lobes.fold(brdf.rho_d.max_element(), f32::max)
-}
 
 /// ‖f̂ − f‖ / ‖f‖ of a stored BRDF, weighted by cosθ_i cosθ_o.
 fn relative_error(storage: Storage, brdf: &LobeBrdf, pairs: &Pairs) -> f64 {
@@ -279,25 +180,11 @@ fn banding() -> Section {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use exr::prelude::f16;
 
     fn lobe(cx: f32, cz: f32, n: f32) -> LobeBrdf {
         let lobe = Lobe { rho_s: Rgb::splat(0.3), c: Vec3::new(cx, cx, cz), n };
         LobeBrdf { rho_d: Rgb::splat(0.1), beta: 0.0, lobes: vec![lobe] }
-    }
-
-    #[test]
-    fn storage_rounds_to_its_steps_and_clamps() {
-        let stored = Storage::Bits8.stored(&lobe(-1.3, 0.5, 300.0), 1.0).lobes[0];
-        assert_eq!((stored.c.x, stored.n), (-1.0, 255.0));
-        assert!((stored.c.z - 0.5).abs() <= 1.0 / 255.0 && stored.c.z != 0.5);
-        let half = Storage::F16.stored(&lobe(-1.0, 0.9, 10.0), 1.0).lobes[0];
-        assert!((half.c.z / 0.9 - 1.0).abs() <= 2f32.powi(-11) && half.c.z != 0.9 && half.n == 10.0);
-        let exact = lobe(-1.0, 1.0, 64.0);
-        assert_eq!(Storage::F32.stored(&exact, 1.0), exact);
-        assert_eq!(
-            Storage::F16Scaled.stored(&lobe(-2.0, 2.0, 8.0), 1.0).lobes[0].c,
-            Vec3::new(-1.0, -1.0, 1.0)
-        );
     }
 
     #[test]

@@ -19,6 +19,7 @@ mod math;
 pub mod reference;
 mod sampler;
 mod shading;
+pub mod storage;
 
 use glam::Vec3;
 
