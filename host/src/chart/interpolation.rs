@@ -4,10 +4,11 @@
 use glam::Vec3;
 use rayon::prelude::*;
 
-use super::{Axis, Chart, Plot, Section, Series, Table};
+use super::{Axis, Chart, Plot, Section, Series, Table, filtering};
 use crate::edit::blend::blend;
 use crate::edit::levels;
 use crate::edit::pairs::Pairs;
+use crate::error::Result;
 use crate::fit::mip;
 use crate::fit::texel::Workspace;
 use crate::progress;
@@ -81,15 +82,19 @@ fn relative(squares: impl IntoIterator<Item = [f64; 2]>) -> f64 {
 }
 
 /// The chart.
-pub fn chart() -> Chart {
-    Chart {
+///
+/// # Errors
+/// Those of the renderers.
+pub fn chart() -> Result<Chart> {
+    let maps = maps();
+    Ok(Chart {
         name: "interpolation".into(),
         title: "Interpolation of BRDFs".into(),
         lead: "Coefficients do not interpolate, reflectance does. What it costs to interpolate coefficients all the same, and what a fit to the blended \
                reflectance leaves."
             .into(),
-        sections: vec![between(), by_level()],
-    }
+        sections: vec![between(), by_level(&maps), filtering::section(&maps)?],
+    })
 }
 
 /// Between two texels.
@@ -137,17 +142,21 @@ fn between() -> Section {
     }
 }
 
-/// MIP levels of two maps.
-fn by_level() -> Section {
+/// Checks of gloss and satin, and of metal brushed in two directions.
+fn maps() -> [(&'static str, SbrdfMap); 2] {
     let (gloss, satin) = (one_lobe(0.05, [-1.0, -1.0, 1.0], 100.0), one_lobe(0.2, [-1.0, -1.0, 0.8], 8.0));
-    let maps = [
+    [
         ("gloss, satin", showcase::check(&gloss, &satin, 11, 3)),
         ("brushed ±20°", showcase::check(&brushed(-0.35), &brushed(0.35), 11, 3)),
-    ];
+    ]
+}
+
+/// MIP levels of two maps.
+fn by_level(maps: &[(&str, SbrdfMap)]) -> Section {
     let mut table =
         Table::new(["map", "level", "texels", "coefficients averaged", "fit to the averaged reflectance"]);
     let mut series = Vec::new();
-    for (name, map) in &maps {
+    for (name, map) in maps {
         let size = [map.width, map.height];
         let mut errors = Vec::new();
         for level in 1..=mip::last(size) {

@@ -7,6 +7,7 @@ use rayon::prelude::*;
 use super::blend::blend;
 use crate::fit::mip;
 use crate::fit::texel::Workspace;
+use crate::progress;
 use crate::reflectance::{Lobe, LobeBrdf, SbrdfMap};
 
 /// The texels of a map that a level's texel stands for.
@@ -23,12 +24,20 @@ pub fn evenly(texels: &[LobeBrdf]) -> Vec<(f32, &LobeBrdf)> {
 }
 
 /// A level fitted to the reflectance averaged over its texels, with as many lobes as the map has; `done` is told every texel.
-pub fn fitted(map: &SbrdfMap, level: u32, done: impl Fn() + Sync) -> SbrdfMap {
+fn fitted(map: &SbrdfMap, level: u32, done: impl Fn() + Sync) -> SbrdfMap {
     each(map, level, |texels, workspace| {
         let brdf = blend(&evenly(texels), map.lobes.len(), workspace).brdf;
         done();
         brdf
     })
+}
+
+/// All levels of a map beyond the finest, fitted.
+pub fn all_fitted(map: &SbrdfMap) -> Vec<SbrdfMap> {
+    let size = [map.width, map.height];
+    let texels = |level| mip::size(size, level).iter().product::<usize>() as u64;
+    let bar = progress::bar("MIP levels", (1..=mip::last(size)).map(texels).sum(), "texels");
+    (1..=mip::last(size)).map(|level| fitted(map, level, || bar.advance(1))).collect()
 }
 
 /// A level of averaged coefficients.

@@ -23,7 +23,6 @@ use super::{Cost, Prepared, Renderer, Rendering};
 use crate::edit::levels;
 use crate::error::{Error, Result};
 use crate::fit::mip;
-use crate::progress;
 use crate::reflectance::SbrdfMap;
 use crate::scene::{Camera, Reflectance, Scene};
 use upload::Uploads;
@@ -44,6 +43,21 @@ pub enum Filtering {
     /// Shades texels all over the pixel, then filters: right, and as slow as there are texels.
     #[default]
     Shaded,
+}
+
+impl Filtering {
+    /// All of them.
+    pub const ALL: [Self; 4] = [Self::Finest, Self::Coefficients, Self::Fitted, Self::Shaded];
+
+    /// Name in charts.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Finest => "finest level",
+            Self::Coefficients => "averaged coefficients",
+            Self::Fitted => "fitted levels",
+            Self::Shaded => "shade, then filter",
+        }
+    }
 }
 
 /// How to draw.
@@ -92,10 +106,13 @@ impl Settings {
             match self.filtering {
                 Filtering::Finest | Filtering::Shaded => material.levels.clear(),
                 Filtering::Fitted if !material.levels.is_empty() => {}
-                Filtering::Fitted => material.levels = made.entry(key).or_insert_with(|| fitted(map)).clone(),
+                Filtering::Fitted => {
+                    let fitted = || levels::all_fitted(map).into_iter().map(Arc::new).collect();
+                    material.levels = made.entry(key).or_insert_with(fitted).clone();
+                }
                 Filtering::Coefficients => {
-                    let averaged =
-                        || all_levels(map).map(|level| levels::averaged(map, level).into()).collect();
+                    let last = mip::last([map.width, map.height]);
+                    let averaged = || (1..=last).map(|level| levels::averaged(map, level).into()).collect();
                     material.levels = made.entry(key).or_insert_with(averaged).clone();
                 }
             }
@@ -114,18 +131,6 @@ impl Settings {
             lights.gpu.guarded(|| lights.pass.frame_seconds(&lights.gpu, &scene.camera, rounds, frames));
         Ok((seconds?, lights.gpu.name()))
     }
-}
-
-/// The levels of a map beyond the finest.
-fn all_levels(map: &SbrdfMap) -> std::ops::RangeInclusive<u32> {
-    1..=mip::last([map.width, map.height])
-}
-
-/// All levels of a map, fitted.
-fn fitted(map: &SbrdfMap) -> Vec<Arc<SbrdfMap>> {
-    let texels = |level| mip::size([map.width, map.height], level).iter().product::<usize>() as u64;
-    let bar = progress::bar("MIP levels", all_levels(map).map(texels).sum(), "texels");
-    all_levels(map).map(|level| levels::fitted(map, level, || bar.advance(1)).into()).collect()
 }
 
 /// World to clip space with reversed depth: 1 at the near plane, 0 at infinity.
