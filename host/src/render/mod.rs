@@ -5,7 +5,7 @@
 //! |---|---|---|
 //! | `reference` | all lights, environment, shadows, interreflection | CPU |
 //! | `environment` | environment by prefiltered maps (6.13)–(6.18), lights as in `lights`; no shadows | CPU |
-//! | `lights` | point, directional, rectangular as points (6.9); no shadows | GPU |
+//! | `lights` | point, directional, rectangular as points (6.9), with shadows | GPU |
 
 pub mod compare;
 pub mod environment;
@@ -19,6 +19,7 @@ mod math;
 pub mod reference;
 mod sampler;
 mod shading;
+pub mod storage;
 
 use glam::Vec3;
 
@@ -133,9 +134,14 @@ pub struct Chosen<'a> {
 ///
 /// # Errors
 /// Those of the method; `lights` without a GPU is a failure, `auto` is not.
-pub fn prepare<'a>(scene: &'a Scene, method: Method, settings: &reference::Settings) -> Result<Chosen<'a>> {
+pub fn prepare<'a>(
+    scene: &'a Scene,
+    method: Method,
+    settings: &reference::Settings,
+    lights: &lights::Settings,
+) -> Result<Chosen<'a>> {
     let reference = |note| Ok(Chosen { prepared: settings.prepare(scene)?, method: Method::Reference, note });
-    let lights = || lights::Settings::default().prepare(scene);
+    let lights = || lights.prepare(scene);
     match method {
         Method::Reference => reference(None),
         Method::Environment => {
