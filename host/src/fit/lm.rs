@@ -386,7 +386,7 @@ mod tests {
     #[test]
     fn an_anisotropic_lobe_without_noise_is_recovered_with_its_direction() {
         let lobe = Lobe { rho_s: Rgb::splat(0.7), c: Vec3::new(-0.95, -0.6, 0.9), n: 20.0 };
-        let truth = LobeBrdf { rho_d: Rgb::splat(0.05), beta: 0.4, lobes: vec![lobe] };
+        let truth = LobeBrdf { rho_d: Rgb::splat(0.05), beta: 0.4, lobes: vec![lobe], ..LobeBrdf::default() };
         let samples = testing::samples(&testing::directions(200, 8), |wi, wo| truth.eval(wi, wo));
         let mut target = Target::default();
         target.set(&samples, samples.value.iter().copied(), Residual::Linear);

@@ -129,7 +129,7 @@ impl Model {
     pub fn to_brdf(&self, rho_d: Rgb, rho_s: &[Rgb]) -> LobeBrdf {
         let lobes = self.lobes.iter().zip(rho_s).map(|(lobe, &rho_s)| lobe.to_lobe(rho_s)).collect();
         let isotropic = self.lobes.iter().all(|lobe| lobe.c.x == lobe.c.y);
-        let brdf = LobeBrdf { rho_d, beta: 0.0, lobes };
+        let brdf = LobeBrdf { rho_d, beta: 0.0, lobes, ..LobeBrdf::default() };
         if isotropic { brdf } else { brdf.rotated(self.beta as f32) }
     }
 }

@@ -234,7 +234,7 @@ mod tests {
     /// A table of a known material with one lobe at incidences 10° … 70°.
     fn table() -> MeasuredTable {
         let lobe = Lobe { rho_s: Rgb::splat(0.8), c: Vec3::new(-0.95, -0.95, 0.9), n: 30.0 };
-        let truth = LobeBrdf { rho_d: Rgb::splat(0.05), beta: 0.0, lobes: vec![lobe] };
+        let truth = LobeBrdf { rho_d: Rgb::splat(0.05), beta: 0.0, lobes: vec![lobe], ..LobeBrdf::default() };
         let mut rows = Vec::new();
         for (i, o, p) in (1..8)
             .flat_map(|i| (0..8).flat_map(move |o| (0..9).map(move |p| (f64::from(i), f64::from(o), p))))

@@ -1,10 +1,12 @@
 //! A scene's materials packed for evaluation: black lobes dropped, β multiplied into C, one layout for CPU and shader.
 
+use std::collections::HashMap;
+
 use bytemuck::{Pod, Zeroable};
 use glam::{Vec2, Vec3};
 
 use super::math;
-use crate::reflectance::{Lobe, LobeBrdf, Rgb, colour};
+use crate::reflectance::{Lobe, LobeBrdf, Microfacet, Rgb, colour};
 use crate::scene::{Filter, Light, Reflectance, Scene};
 
 /// Lobes whose value would fall below 2^−40 of ρ_s are skipped.
@@ -61,12 +63,15 @@ pub(crate) struct Materials {
     pub(crate) materials: Vec<PackedMaterial>,
     pub(crate) texels: Vec<PackedTexel>,
     pub(crate) lobes: Vec<PackedLobe>,
+    /// Microfacet terms of the few texels that have any; not uploaded.
+    microfacets: HashMap<u32, Vec<Microfacet>>,
 }
 
 impl Materials {
     /// Packs the materials of a scene's objects.
     pub(crate) fn new(scene: &Scene) -> Self {
-        let mut packed = Self { materials: vec![], texels: vec![], lobes: vec![] };
+        let mut packed =
+            Self { materials: vec![], texels: vec![], lobes: vec![], microfacets: HashMap::new() };
         for object in &scene.objects {
             let first = packed.texels.len() as u32;
             let (width, height) = match &object.material.reflectance {
@@ -111,6 +116,9 @@ impl Materials {
 
     /// Appends one texel.
     fn push(&mut self, brdf: &LobeBrdf) {
+        if !brdf.microfacets.is_empty() {
+            self.microfacets.insert(self.texels.len() as u32, brdf.microfacets.clone());
+        }
         let first = self.lobes.len() as u32;
         self.lobes
             .extend(brdf.lobes.iter().filter(|lobe| lobe.rho_s != Rgb::ZERO).map(|l| pack(l, brdf.beta)));
@@ -225,12 +233,23 @@ pub(crate) struct Aimed {
     density: f32,
 }
 
+/// A microfacet term for a fixed exitant direction.
+pub(crate) struct AimedMicrofacet {
+    pub(crate) coat: Microfacet,
+    /// Probability of this term in the mixture.
+    pub(crate) share: f32,
+}
+
 /// A texel's BRDF for a fixed exitant direction, ready for many incident ones.
 pub(crate) struct Shader {
     /// Diffuse reflectance, sr⁻¹.
     pub(crate) rho_d: Rgb,
     /// The lobes that reach the viewer.
     pub(crate) lobes: Vec<Aimed>,
+    /// The microfacet terms.
+    pub(crate) microfacets: Vec<AimedMicrofacet>,
+    /// The exitant direction.
+    pub(crate) wo: Vec3,
     /// Probability of the cosine-weighted sampling of the diffuse term.
     pub(crate) diffuse_share: f32,
 }
@@ -238,13 +257,18 @@ pub(crate) struct Shader {
 impl Shader {
     /// An empty one, to be aimed.
     pub(crate) fn new() -> Self {
-        Self { rho_d: Rgb::ZERO, lobes: Vec::new(), diffuse_share: 1.0 }
+        Self { rho_d: Rgb::ZERO, lobes: Vec::new(), microfacets: Vec::new(), wo: Vec3::Z, diffuse_share: 1.0 }
     }
 
     /// Takes a texel and an exitant direction (in the sample's frame, above the surface); with `sampling`, prepares
     /// [`Self::density`].
     pub(crate) fn aim(&mut self, materials: &Materials, texel: u32, wo: Vec3, sampling: bool) {
         self.rho_d = Rgb::from_array(materials.texels[texel as usize].rho_d);
+        self.wo = wo;
+        self.microfacets.clear();
+        if let Some(coats) = materials.microfacets.get(&texel) {
+            self.microfacets.extend(coats.iter().map(|&coat| AimedMicrofacet { coat, share: 0.0 }));
+        }
         self.lobes.clear();
         for lobe in materials.lobes_of(texel) {
             let [xx, xy, yy, zz] = lobe.c;
@@ -279,6 +303,11 @@ impl Shader {
             lobe.density = 1.0 / (solid_angle * height);
             total += lobe.share;
         }
+        let grazing = (1.0 - self.wo.z).powi(5);
+        for AimedMicrofacet { coat, share } in &mut self.microfacets {
+            *share = colour::luminance(coat.f0 + (coat.f90 - coat.f0) * grazing);
+            total += *share;
+        }
         // A tenth of the samples at least go over the whole hemisphere, so that no direction is left out.
         let scale = if total > 0.0 { 0.9 / total } else { 0.0 };
         self.diffuse_share = 1.0;
@@ -286,6 +315,10 @@ impl Shader {
             lobe.share *= scale;
             lobe.density = if lobe.share > 0.0 { lobe.share * lobe.density } else { 0.0 };
             self.diffuse_share -= lobe.share;
+        }
+        for coat in &mut self.microfacets {
+            coat.share *= scale;
+            self.diffuse_share -= coat.share;
         }
     }
 
@@ -304,6 +337,12 @@ impl Shader {
                 let power = math::powf(base, lobe.n);
                 reflectance += lobe.rho_s * power;
                 density += lobe.density * power;
+            }
+        }
+        if wi.z > 0.0 {
+            for AimedMicrofacet { coat, share } in &self.microfacets {
+                reflectance += coat.eval(wi, self.wo);
+                density += share * coat.density(wi, self.wo);
             }
         }
         (reflectance, density)
@@ -345,6 +384,7 @@ mod tests {
         let mut shader = Shader::new();
         for name in materials::NAMES {
             let mut brdf = materials::published(name).unwrap();
+            brdf.microfacets = vec![Microfacet { f0: Rgb::splat(0.04), f90: Rgb::ONE, alpha: 0.3 }];
             brdf.lobes.iter_mut().for_each(|lobe| lobe.c.x *= 0.9);
             let brdf = brdf.rotated(0.4);
             scene.objects[0].material = Material::uniform(brdf.clone());

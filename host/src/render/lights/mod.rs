@@ -86,6 +86,7 @@ fn projection(camera: &Camera) -> Mat4 {
 impl Renderer for Settings {
     fn prepare<'a>(&self, scene: &'a Scene) -> Result<Box<dyn Prepared + 'a>> {
         scene.check()?;
+        super::lobes_only(scene, "lights")?;
         let start = Instant::now();
         let gpu = Gpu::open()?;
         let uploads = Uploads::new(scene);
