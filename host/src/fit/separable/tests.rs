@@ -39,7 +39,7 @@ fn the_gradient_agrees_with_finite_differences_of_the_projected_cost() {
         let c =
             |x, y, z| if family == Family::Anisotropic { DVec3::new(x, y, z) } else { DVec3::new(x, x, z) };
         let lobes = vec![ModelLobe::unit(c(-1.0, -0.7, 0.8), 30.0), ModelLobe::unit(c(0.8, 0.9, 0.6), 4.0)];
-        let mut model = Model { diffuse: 0.0, beta: 0.3, lobes };
+        let mut model = Model { diffuse: 0.0, beta: 0.3, lobes, ..Model::default() };
         solver.data.most = [f64::INFINITY; 3];
         solver.refer(&mut model);
         let at = solver.evaluate(family, true, &model);
@@ -145,8 +145,12 @@ fn amplitudes_stay_below_their_cap_and_the_rest_is_solved_around_them() {
     let truth = material(1, &mut Random::new(2));
     let samples = testing::samples(&directions(80, 3), |wi, wo| truth.eval(wi, wo));
     let mut solver = solver(&samples, &[0, 1, 2], Residual::Linear);
-    let model =
-        Model { diffuse: 0.0, beta: 0.0, lobes: vec![ModelLobe::unit(DVec3::new(-1.0, -1.0, 1.0), 9.0)] };
+    let model = Model {
+        diffuse: 0.0,
+        beta: 0.0,
+        lobes: vec![ModelLobe::unit(DVec3::new(-1.0, -1.0, 1.0), 9.0)],
+        ..Model::default()
+    };
     let free = solver.evaluate(Family::Isotropic, true, &model);
     solver.data.most = free.x.map(|x| 0.5 * x[1]);
     let capped = solver.evaluate(Family::Isotropic, true, &model);
