@@ -49,8 +49,8 @@ impl Effort {
     pub const TABLE: Self = Self {
         directions: 144,
         powers: &[1.0, 0.5, 0.0],
-        beam: 24,
-        trial_steps: 30,
+        beam: 8,
+        trial_steps: 20,
         limits: Limits { iterations: 400, tolerance: 1e-9 },
     };
 }
