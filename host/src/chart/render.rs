@@ -5,7 +5,9 @@ use crate::error::{Kind, Result};
 use crate::progress;
 use crate::render::choose::{self, Model};
 use crate::render::compare::{Errors, compare};
-use crate::render::{Renderer, Rendering, reference};
+use crate::render::lights::Filtering;
+use crate::render::storage::Storage;
+use crate::render::{Method, Renderer, Rendering, lights, reference};
 use crate::scene::Scene;
 
 /// Errors that a picture is chosen for.
@@ -40,8 +42,20 @@ fn settings(scene: &Scene, seed: u64) -> Vec<Setting> {
             add(method, format!("{samples} samples"), Box::new(renderer));
         }
     }
-    for setting in choose::settings(scene, seed) {
-        add(setting.method.name(), setting.name.into(), setting.renderer);
+    for setting in choose::settings(scene, seed, &lights::Settings::default()) {
+        if setting.method != Method::Lights {
+            add(setting.method.name(), setting.name.into(), setting.renderer);
+        }
+    }
+    // Of every method the last setting is shown.
+    let base = lights::Settings::default();
+    for storage in [Storage::Bits8, Storage::Bits8Scaled, Storage::F16] {
+        let renderer = lights::Settings { storage, ..base };
+        add("lights", format!("{}, {}", base.filtering.name(), storage.name()), Box::new(renderer));
+    }
+    for filtering in Filtering::ALL {
+        let renderer = lights::Settings { filtering, ..base };
+        add("lights", filtering.name().into(), Box::new(renderer));
     }
     all
 }
@@ -161,7 +175,8 @@ fn choices(scene: &Scene, truth: &Rendering, seed: u64) -> Result<Table> {
     ]);
     for bound in BOUNDS {
         let base = reference::Settings { samples: 1 << 20, seed, ..Default::default() };
-        let outcome = Model::measure(scene, &base)?.meet(&scene.camera, bound)?;
+        let outcome =
+            Model::measure(scene, &base, &lights::Settings::default())?.meet(&scene.camera, bound)?;
         let Some(taken) = outcome.tried.iter().rfind(|tried| tried.actual.is_some()) else { continue };
         let [seconds, verified] = taken.actual.unwrap_or([f64::NAN; 2]);
         table.row([

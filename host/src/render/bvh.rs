@@ -137,8 +137,13 @@ impl Bvh {
         LEAF | first
     }
 
-    /// The nearest triangle along a ray of unit direction, and its distance.
-    pub(crate) fn nearest(&self, origin: Vec3, direction: Vec3) -> Option<(u32, f32)> {
+    /// The nearest triangle along a ray of unit direction that is `solid` at its distance, and that distance.
+    pub(crate) fn nearest(
+        &self,
+        origin: Vec3,
+        direction: Vec3,
+        solid: impl Fn(u32, f32) -> bool,
+    ) -> Option<(u32, f32)> {
         let ray = Ray::new(origin, direction);
         let mut found = None;
         let mut reach = f32::INFINITY;
@@ -158,7 +163,7 @@ impl Bvh {
                     while lanes != 0 {
                         let lane = lanes.trailing_zeros() as usize & 3;
                         lanes &= lanes - 1;
-                        if distances[lane] < reach {
+                        if distances[lane] < reach && solid(packet.triangles[lane], distances[lane]) {
                             reach = distances[lane];
                             found = Some((packet.triangles[lane], reach));
                         }
@@ -189,8 +194,14 @@ impl Bvh {
         found
     }
 
-    /// Whether any triangle lies on a ray of unit direction before `reach`.
-    pub(crate) fn any(&self, origin: Vec3, direction: Vec3, reach: f32) -> bool {
+    /// Whether any triangle lies on a ray of unit direction before `reach` and is `solid` at its distance.
+    pub(crate) fn any(
+        &self,
+        origin: Vec3,
+        direction: Vec3,
+        reach: f32,
+        solid: impl Fn(u32, f32) -> bool,
+    ) -> bool {
         let ray = Ray::new(origin, direction);
         let mut waiting = [0u32; WAITING];
         let mut count = usize::from(!self.nodes.is_empty());
@@ -199,8 +210,13 @@ impl Bvh {
             let child = waiting[count];
             if child & LEAF != 0 {
                 for packet in &self.packets[(child ^ LEAF) as usize..] {
-                    if ray.meets(packet, reach).0 != 0 {
-                        return true;
+                    let (mut lanes, distances) = ray.meets(packet, reach);
+                    while lanes != 0 {
+                        let lane = lanes.trailing_zeros() as usize & 3;
+                        lanes &= lanes - 1;
+                        if solid(packet.triangles[lane], distances[lane]) {
+                            return true;
+                        }
                     }
                     if packet.last {
                         break;
@@ -343,19 +359,20 @@ mod tests {
                 }
                 let all = triangles.iter().filter_map(|t| distance(t, origin, direction));
                 let expected = all.fold(f64::INFINITY, f64::min);
-                let found = bvh.nearest(origin, direction).map_or(f64::INFINITY, |hit| f64::from(hit.1));
+                let found =
+                    bvh.nearest(origin, direction, |_, _| true).map_or(f64::INFINITY, |hit| f64::from(hit.1));
                 // Triangles seen nearly edge on are met less exactly.
                 let same = expected == found || (expected - found).abs() < 2e-3;
                 assert!(same, "{count} triangles, ray {ray}: {found} instead of {expected}");
                 if expected.is_finite() {
                     hits += 1;
-                    assert!(bvh.any(origin, direction, expected as f32 + 5e-3));
-                    assert!(!bvh.any(origin, direction, expected as f32 - 5e-3));
+                    assert!(bvh.any(origin, direction, expected as f32 + 5e-3, |_, _| true));
+                    assert!(!bvh.any(origin, direction, expected as f32 - 5e-3, |_, _| true));
                 }
             }
             assert!(hits > 900, "{hits} of the rays meet {count} triangles");
         }
-        assert!(Bvh::new(&[]).nearest(Vec3::ZERO, Vec3::X).is_none());
+        assert!(Bvh::new(&[]).nearest(Vec3::ZERO, Vec3::X, |_, _| true).is_none());
     }
 
     #[test]
@@ -370,7 +387,7 @@ mod tests {
         for ray in 0..500 {
             let (origin, direction) =
                 (Vec3::from(vector(ray)), Vec3::from(vector(900_000 + ray)).normalize());
-            let distance = |bvh: &Bvh| bvh.nearest(origin, direction).map(|hit| hit.1);
+            let distance = |bvh: &Bvh| bvh.nearest(origin, direction, |_, _| true).map(|hit| hit.1);
             assert_eq!(distance(&bvh), distance(&whole));
         }
     }

@@ -9,7 +9,7 @@
 use super::{
     Chosen, Method, Picture, Prepared, Renderer, Rendering, compare, environment, lights, reference,
 };
-use crate::error::{Kind, Result};
+use crate::error::Result;
 use crate::progress;
 use crate::scene::{Camera, Scene};
 
@@ -35,7 +35,7 @@ pub struct Setting {
 }
 
 /// The settings of the renderers without noise that a scene can be given to.
-pub fn settings(scene: &Scene, seed: u64) -> Vec<Setting> {
+pub fn settings(scene: &Scene, seed: u64, lights: &lights::Settings) -> Vec<Setting> {
     let mut all: Vec<Setting> = Vec::new();
     if scene.environment.is_some() {
         let base = environment::Settings { seed, ..Default::default() };
@@ -51,8 +51,7 @@ pub fn settings(scene: &Scene, seed: u64) -> Vec<Setting> {
             renderer: Box::new(variant),
         }));
     }
-    let renderer = Box::<lights::Settings>::default();
-    all.push(Setting { method: Method::Lights, name: "4 samples at edges", renderer });
+    all.push(Setting { method: Method::Lights, name: lights.filtering.name(), renderer: Box::new(*lights) });
     all
 }
 
@@ -109,13 +108,13 @@ impl<'a> Model<'a> {
     /// Measures every setting on a small view. `base` has the bounces, the seed and the limits of the path tracer.
     ///
     /// # Errors
-    /// Those of the scene and of the renderers, but for a device that fails.
-    pub fn measure(scene: &'a Scene, base: &reference::Settings) -> Result<Self> {
+    /// Those of the scene and of the path tracer. Another method that fails or cannot draw the scene is left out.
+    pub fn measure(scene: &'a Scene, base: &reference::Settings, lights: &lights::Settings) -> Result<Self> {
         let base = reference::Settings { max_error: None, ..*base };
         let mut model = Self { scene, base, candidates: Vec::new(), note: None };
         let view = small(&scene.camera);
         let pixels = f64::from(view.width * view.height);
-        let settings = settings(scene, base.seed);
+        let settings = settings(scene, base.seed, lights);
         let bar = progress::bar("measuring", settings.len() as u64 + 3, "settings");
 
         let whole = judge(&base, 0, SMALL_SAMPLES).render(scene, &view)?;
@@ -159,8 +158,7 @@ impl<'a> Model<'a> {
                     bias: compare::relative_rmse_by(&judges, &rendering.picture),
                     noise: 0.0,
                 }),
-                Err(error) if error.kind() == Kind::Failure => model.note = Some(error.to_string()),
-                Err(error) => return Err(error),
+                Err(error) => model.note = Some(error.to_string()),
             }
         }
         Ok(model)
@@ -318,7 +316,10 @@ mod tests {
         let base = reference::Settings { samples: 1 << 20, seed: 5, ..Default::default() };
         let truth = judge(&base, 9, 256).render(&scene, &scene.camera).unwrap().picture;
         for max_error in [0.3, 0.02] {
-            let outcome = Model::measure(&scene, &base).unwrap().meet(&scene.camera, max_error).unwrap();
+            let outcome = Model::measure(&scene, &base, &lights::Settings::default())
+                .unwrap()
+                .meet(&scene.camera, max_error)
+                .unwrap();
             let error = compare::compare(&outcome.rendering.picture, &truth).unwrap().relative_rmse;
             let last = outcome.tried.iter().filter(|tried| tried.actual.is_some()).next_back().unwrap();
             assert!(error < 1.1 * max_error, "{error} for {max_error}: {:?}", outcome.tried);
@@ -333,7 +334,7 @@ mod tests {
         scene.objects.push(scene.objects[0].clone());
         scene.objects[1].transform = glam::Affine3A::from_rotation_x(-1.2);
         let base = reference::Settings { samples: 1 << 20, seed: 5, ..Default::default() };
-        let model = Model::measure(&scene, &base).unwrap();
+        let model = Model::measure(&scene, &base, &lights::Settings::default()).unwrap();
         let bias = model.candidates[1].bias;
         assert!(bias > 0.02 && model.candidates[0].bias == 0.0, "{bias}");
         let outcome = model.meet(&scene.camera, 0.5 * bias).unwrap();

@@ -129,10 +129,9 @@ impl<'a> Tracer<'a> {
         let (mut radiance, mut throughput) = (Rgb::ZERO, Rgb::ONE);
         for bounce in 0..self.bounces {
             // The first bounce of a diffuse surface has nothing to choose.
-            let [choice, roulette] = match (bounce, shader.lobes.len()) {
-                (0, 0) => [0.0; 2],
-                _ => numbers.at(bounce, purpose::CHOICE),
-            };
+            let diffuse = shader.lobes.is_empty() && shader.microfacets.is_empty();
+            let chooses = bounce > 0 || !diffuse;
+            let [choice, roulette] = if chooses { numbers.at(bounce, purpose::CHOICE) } else { [0.0; 2] };
             let wi = lobes::sample(shader, choice, numbers.at(bounce, purpose::LOBE));
             let direction = surface.to_world(wi);
             if wi.z <= 0.0 || surface.geometric.dot(direction) <= 0.0 {
