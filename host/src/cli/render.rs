@@ -208,12 +208,13 @@ pub(super) fn outcomes(tried: &[Tried]) -> Table {
         "actual relative RMSE",
         "",
     ]);
-    for one in tried {
+    let last = tried.iter().rposition(|one| one.actual.is_some());
+    for (index, one) in tried.iter().enumerate() {
         let [seconds, error] = one.actual.unwrap_or([f64::NAN; 2]);
-        let verdict = match (one.actual, chosen(tried) == Some(one)) {
-            (_, true) => "chosen",
-            (Some(_), false) => "missed",
-            (None, false) => "",
+        let verdict = match one.actual {
+            Some(_) if Some(index) == last => "chosen",
+            Some(_) => "missed",
+            None => "",
         };
         table.row([
             one.method.name().into(),

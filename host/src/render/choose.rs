@@ -22,7 +22,7 @@ const JUDGING_SAMPLES: u32 = 4;
 /// Samples a pixel at least, so that there is a variance.
 const LEAST_SAMPLES: u32 = 4;
 /// Samples in excess of those that the model asks for, so that most pictures meet the bound at once.
-const RESERVE: f64 = 1.2;
+const RESERVE: f64 = 1.5;
 
 /// A renderer without noise, with one of its settings.
 pub struct Setting {
