@@ -173,10 +173,10 @@ fn choices(scene: &Scene, truth: &Rendering, seed: u64) -> Result<Table> {
         "verified",
         "actual relative RMSE",
     ]);
+    let base = reference::Settings { samples: 1 << 20, seed, ..Default::default() };
+    let model = Model::measure(scene, &base, &lights::Settings::default())?;
     for bound in BOUNDS {
-        let base = reference::Settings { samples: 1 << 20, seed, ..Default::default() };
-        let outcome =
-            Model::measure(scene, &base, &lights::Settings::default())?.meet(&scene.camera, bound)?;
+        let outcome = model.meet(&scene.camera, bound)?;
         let Some(taken) = outcome.tried.iter().rfind(|tried| tried.actual.is_some()) else { continue };
         let [seconds, verified] = taken.actual.unwrap_or([f64::NAN; 2]);
         table.row([

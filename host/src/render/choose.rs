@@ -6,6 +6,8 @@
 //! predicted to meet the bound is tried, cheapest first, on the view itself and judged in the same way; what is left at the
 //! end is the reference with as many samples as its own variance asks for. Errors are relative RMSE ([`compare::Errors`]).
 
+use std::rc::Rc;
+
 use super::{
     Chosen, Method, Picture, Prepared, Renderer, Rendering, compare, environment, lights, reference,
 };
@@ -60,7 +62,7 @@ struct Candidate<'a> {
     method: Method,
     name: String,
     /// For a renderer without noise.
-    prepared: Option<Box<dyn Prepared + 'a>>,
+    prepared: Option<Rc<dyn Prepared + 'a>>,
     /// For the path tracer.
     paths: reference::Settings,
     prepare_seconds: f64,
@@ -70,6 +72,12 @@ struct Candidate<'a> {
     bias: f64,
     /// Error of one sample a pixel by noise alone.
     noise: f64,
+}
+
+impl Prepared for Rc<dyn Prepared + '_> {
+    fn view(&self, view: &Camera) -> Result<Rendering> {
+        self.as_ref().view(view)
+    }
 }
 
 /// Times and errors of every setting on a scene.
@@ -151,7 +159,7 @@ impl<'a> Model<'a> {
                 Ok((prepared, rendering)) => model.candidates.push(Candidate {
                     method,
                     name: name.into(),
-                    prepared: Some(prepared),
+                    prepared: Some(prepared.into()),
                     paths: base,
                     prepare_seconds: rendering.cost.prepare_seconds,
                     seconds: rendering.cost.render_seconds / pixels,
@@ -168,7 +176,7 @@ impl<'a> Model<'a> {
     ///
     /// # Errors
     /// Those of the renderers.
-    pub fn meet(mut self, view: &Camera, max_error: f64) -> Result<Outcome<'a>> {
+    pub fn meet(&self, view: &Camera, max_error: f64) -> Result<Outcome<'a>> {
         let mut order: Vec<(usize, u32, Tried)> = (0..self.candidates.len())
             .map(|index| {
                 let (samples, tried) = self.candidates[index].predict(view, max_error, self.base.samples);
@@ -182,11 +190,10 @@ impl<'a> Model<'a> {
             if tried.predicted[1] > max_error {
                 continue;
             }
-            let candidate = &mut self.candidates[*index];
-            let (method, ready) = (candidate.method, candidate.prepared.take());
-            let paths = reference::Settings { samples: *samples, ..candidate.paths };
-            let prepared = match ready {
-                Some(prepared) => prepared,
+            let Candidate { method, prepared, paths, .. } = &self.candidates[*index];
+            let paths = reference::Settings { samples: *samples, ..*paths };
+            let prepared: Box<dyn Prepared + 'a> = match prepared {
+                Some(prepared) => Box::new(prepared.clone()),
                 None => paths.prepare(self.scene)?,
             };
             let rendering = prepared.view(view)?;
@@ -205,7 +212,7 @@ impl<'a> Model<'a> {
             let seconds = rendering.cost.prepare_seconds + rendering.cost.render_seconds;
             tried.actual = Some([seconds, error]);
             if error <= max_error {
-                met = Some((Chosen { prepared, method, note: None }, rendering));
+                met = Some((Chosen { prepared, method: *method, note: None }, rendering));
                 break;
             }
         }
@@ -226,7 +233,7 @@ impl<'a> Model<'a> {
                 (Chosen { prepared, method: Method::Reference, note: None }, rendering)
             }
         };
-        chosen.note = self.note;
+        chosen.note = self.note.clone();
         Ok(Outcome { chosen, rendering, tried })
     }
 
@@ -302,8 +309,8 @@ mod tests {
                 target: glam::Vec3::ZERO,
                 up: glam::Vec3::Z,
                 fov: 0.8,
-                width: 96,
-                height: 72,
+                width: 32,
+                height: 24,
             },
             animation: None,
             exposure: 1.0,
@@ -321,7 +328,7 @@ mod tests {
                 .meet(&scene.camera, max_error)
                 .unwrap();
             let error = compare::compare(&outcome.rendering.picture, &truth).unwrap().relative_rmse;
-            let last = outcome.tried.iter().filter(|tried| tried.actual.is_some()).next_back().unwrap();
+            let last = outcome.tried.iter().rfind(|tried| tried.actual.is_some()).unwrap();
             assert!(error < 1.1 * max_error, "{error} for {max_error}: {:?}", outcome.tried);
             assert!(last.method == outcome.chosen.method && last.actual.unwrap()[1] <= max_error);
         }
