@@ -145,7 +145,7 @@ impl Workspace {
         }
         let rms = (error / (3 * valid).max(1) as f64).sqrt();
         let relative = if whole > 0.0 { (error / whole).sqrt() } else { 0.0 };
-        TexelFit { brdf, rms, relative, samples: valid, sigma: Some(sigma) }
+        TexelFit { brdf, rms, relative, samples: valid, sigma: Some(sigma), held: false }
     }
 
     /// The model that the search finds, with the task whose family it belongs to: where the number of lobes is a choice, so is isotropy.
