@@ -514,7 +514,7 @@ mod tests {
         let eval = |wi, wo| crate::reflectance::Brdf::eval(&metal, wi, wo);
         crate::synth::sample(&options, |_, _, wi, wo| eval(wi, wo)).write_zarr(&input).unwrap();
         let arguments =
-            [input.to_str().unwrap(), "-o", output.to_str().unwrap(), "--lobes", "2", "--isotropic"];
+            [input.to_str().unwrap(), "-o", output.to_str().unwrap(), "--lobes", "3", "--separate-channels"];
         let albedo = || {
             let map = SbrdfMap::read_exr(&output).unwrap();
             crate::reflectance::albedo::largest(&map.texel(1)).max_element()
@@ -525,7 +525,7 @@ mod tests {
         assert!(albedo() <= 1.0 + crate::fit::conserve::TOLERANCE, "{}", albedo());
         let price = outcome.errors.iter().find(|error| error.name == "energy_price_median").unwrap();
         assert!(price.value > 0.0 && price.value < 0.5, "{price:?}");
-        assert_eq!(outcome.figures["texels_held"], 2);
+        assert!(outcome.figures["texels_held"].as_u64().unwrap() >= 1);
     }
 
     #[test]

@@ -16,8 +16,8 @@ use crate::reflectance::{Lobe, LobeBrdf, Microfacet, Rgb, albedo};
 pub const TOLERANCE: f32 = 1e-3;
 /// Albedo that is aimed at, a little below 1.
 const GOAL: f64 = 0.998;
-/// Weights of the squared penalty against the cost of the fit as it was, one after the other.
-const PENALTIES: [f64; 3] = [1e2, 1e3, 1e4];
+/// Weights of the squared penalty against the cost of a black fit, one after the other.
+const PENALTIES: [f64; 3] = [0.1, 1.0, 10.0];
 /// Most steps for each of them, and the share of the cost below which one is the last.
 const STEPS: usize = 20;
 const LEAST_GAIN: f64 = 1e-4;
@@ -42,9 +42,9 @@ pub fn conserve(
     }
     let problem = Problem::new(brdf, samples, channels, targets);
     let mut x = problem.start();
-    let cost: f64 = problem.residuals(&x, 0.0).iter().map(|r| r * r).sum();
+    let size = problem.size();
     for penalty in PENALTIES {
-        problem.minimise(&mut x, (penalty * cost.max(1e-12)).sqrt());
+        problem.minimise(&mut x, (penalty * size).sqrt());
     }
     Some(scaled(problem.point(&x).to_brdf()))
 }
@@ -233,6 +233,15 @@ impl<'a> Problem<'a> {
         point
     }
 
+    /// The cost of a black fit: how much there is to explain.
+    fn size(&self) -> f64 {
+        let of = |target: &Target| -> f64 {
+            let residual = |k: usize| target.weight[k] * target.difference(0.0, self.samples.cos_o[k], k).0;
+            (0..self.samples.len()).map(|k| residual(k).powi(2)).sum()
+        };
+        self.targets.iter().map(of).sum()
+    }
+
     /// Residuals of all samples and channels, then `weight` times what the albedos exceed the goal by.
     fn residuals(&self, x: &[f64], weight: f64) -> Vec<f64> {
         let (point, samples) = (self.point(x), self.samples);
@@ -334,10 +343,10 @@ mod tests {
         let targets = targets(&samples, Residual::Proportional);
         let held = conserve(&truth, &samples, &[0, 1, 2], &targets).unwrap();
         let largest = albedo::largest(&held);
-        assert!(largest.max_element() <= 1.0 + TOLERANCE && largest.min_element() > 0.98, "{largest}");
+        assert!(largest.max_element() <= 1.0 + TOLERANCE, "{largest}");
         let (price, darkened) =
             (relative_error(&held, &truth), relative_error(&scaled(truth.clone()), &truth));
-        assert!(price < 0.5 * darkened, "{price} {darkened}");
+        assert!(price < 0.02 && darkened > 0.2, "{price} {darkened}");
     }
 
     #[test]
@@ -346,7 +355,7 @@ mod tests {
         let samples = testing::samples(&testing::directions(60, 6), |wi, wo| clay.eval(wi, wo));
         let of = targets(&samples, Residual::Linear);
         assert_eq!(conserve(&clay, &samples, &[0, 1, 2], &of), None);
-        let lobe = Lobe { rho_s: Rgb::new(1.2, 1.0, 0.8), c: glam::Vec3::new(-1.1, -0.8, 0.9), n: 6.0 };
+        let lobe = Lobe { rho_s: Rgb::new(2.4, 2.0, 1.6), c: glam::Vec3::new(-1.1, -0.8, 0.9), n: 6.0 };
         let metal = LobeBrdf { beta: 0.4, lobes: vec![lobe], ..LobeBrdf::diffuse(Rgb::splat(0.3)) };
         let samples = testing::samples(&testing::directions(80, 6), |wi, wo| metal.eval(wi, wo));
         let of = targets(&samples, Residual::Linear);
