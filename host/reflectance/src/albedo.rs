@@ -10,6 +10,8 @@ use crate::{LobeBrdf, Rgb, lobe::into_lobe_frame};
 
 /// Parts of the sum over u: errors below 0.1 % (see the test).
 const PARTS: usize = 64;
+/// Largest logarithm of |p|ⁿ: beyond it a lobe is only known to make energy without bound.
+const MOST_LOG: f64 = 80.0;
 /// Parts along each axis for a microfacet term, whose samples weigh F G / G₁: errors below 0.5 %.
 const MICROFACET_PARTS: usize = 24;
 
@@ -42,7 +44,7 @@ pub fn lobe(c: DVec3, n: f64, wi: DVec3) -> f64 {
             0.0
         };
     }
-    (n * length.ln()).exp() * std::f64::consts::TAU / (n + 1.0) * sum / PARTS as f64
+    (n * length.ln()).min(MOST_LOG).exp() * std::f64::consts::TAU / (n + 1.0) * sum / PARTS as f64
 }
 
 /// Directional albedo a channel for light from `wi`, above the surface.

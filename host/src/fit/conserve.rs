@@ -1,7 +1,7 @@
 //! The optional constraint that no light is made: directional albedo (see [`albedo`]) at most 1 at every incidence, in every channel.
 //!
 //! A fit that breaks it is optimised again, shapes and colours together, by Levenberg–Marquardt on its own residual with penalties
-//! (√μ (a − 1)₊ an incidence and channel, μ rising); what is left above 1, some thousandths, is scaled away. It works alike for texels
+//! (√μ (ln a)₊ an incidence and channel, μ rising); what is left above 1, some thousandths, is scaled away. It works alike for texels
 //! and tables and for any residual; derivatives are differences, since only fits that break the law come here.
 
 use glam::DVec3;
@@ -19,12 +19,14 @@ const GOAL: f64 = 0.998;
 /// Weights of the squared penalty against the cost of a black fit, one after the other.
 const PENALTIES: [f64; 3] = [0.1, 1.0, 10.0];
 /// Most steps for each of them, and the share of the cost below which one is the last.
-const STEPS: usize = 20;
+const STEPS: usize = 40;
 const LEAST_GAIN: f64 = 1e-4;
 /// Polar angles of the penalties, degrees; [`albedo::largest`] looks at more in the end.
 const INCIDENCES_DEG: [f64; 9] = [0.0, 20.0, 40.0, 55.0, 65.0, 75.0, 80.0, 85.0, 89.0];
 /// What a black ρ_d starts from, sr⁻¹; its logarithm is the unknown.
 const DARK: f64 = 1e-5;
+/// Largest ρ_s of a lobe that is scaled, sr⁻¹.
+const MOST_SCALED: f32 = 1e12;
 /// Step of differences.
 const STEP: f64 = 1e-5;
 
@@ -162,7 +164,12 @@ struct Problem<'a> {
 impl<'a> Problem<'a> {
     fn new(brdf: &LobeBrdf, samples: &'a Samples, channels: &'a [usize], targets: &'a [Target]) -> Self {
         let isotropic = brdf.lobes.iter().all(|lobe| lobe.c.x == lobe.c.y);
-        let lobes = brdf.lobes.iter().map(Lobe::normalised).collect();
+        // The scale that C and ρ_s share: steps are about as long for all lobes where the largest |C| is 1.
+        let scaled = |lobe: &Lobe| {
+            let same = lobe.normalised();
+            if same.rho_s.max_element() < MOST_SCALED { same } else { *lobe }
+        };
+        let lobes = brdf.lobes.iter().map(scaled).collect();
         let direction = |degrees: f64, turn: f64| {
             let azimuth = f64::from(brdf.beta) + turn * std::f64::consts::PI;
             let (sin, cos) = degrees.to_radians().sin_cos();
@@ -242,7 +249,7 @@ impl<'a> Problem<'a> {
         self.targets.iter().map(of).sum()
     }
 
-    /// Residuals of all samples and channels, then `weight` times what the albedos exceed the goal by.
+    /// Residuals of all samples and channels, then `weight` times the logarithm of what the albedos exceed the goal by.
     fn residuals(&self, x: &[f64], weight: f64) -> Vec<f64> {
         let (point, samples) = (self.point(x), self.samples);
         let turned = Turned::new(point.beta);
@@ -257,8 +264,9 @@ impl<'a> Problem<'a> {
         if weight > 0.0 {
             for &wi in &self.incidences {
                 let albedo = point.albedo(wi);
-                residuals
-                    .extend(self.channels.iter().map(|&channel| weight * (albedo[channel] - GOAL).max(0.0)));
+                residuals.extend(
+                    self.channels.iter().map(|&channel| weight * (albedo[channel] / GOAL).max(1.0).ln()),
+                );
             }
         }
         residuals
