@@ -11,8 +11,10 @@ use crate::error::{Error, Result};
 use crate::files;
 use crate::page::{self, html};
 
+mod filtering;
 pub mod fit;
 pub mod interpolation;
+pub mod lights;
 pub mod plan;
 mod plot;
 pub mod render;

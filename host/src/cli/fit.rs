@@ -266,8 +266,7 @@ fn fit_sampled(args: &FitArgs, input: &Path) -> Result<FitOutcome> {
     write_map(&map, output)?;
     if args.mip {
         for level in 1..=mip::last([store.width, store.height]) {
-            let path = output.with_extension(format!("mip{level}.exr"));
-            write_map(&chunks::fit_level(&store, &options, level)?, &path)?;
+            write_map(&chunks::fit_level(&store, &options, level)?, &mip::path(output, level))?;
         }
     }
     let outcome = sampled_outcome(&map, seconds);

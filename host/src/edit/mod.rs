@@ -7,6 +7,7 @@ pub mod blend;
 pub mod cluster;
 pub mod composite;
 pub mod diffuse;
+pub mod levels;
 pub mod pairs;
 pub mod palette;
 pub mod photo;

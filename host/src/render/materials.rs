@@ -6,6 +6,7 @@ use bytemuck::{Pod, Zeroable};
 use glam::{Vec2, Vec3};
 
 use super::math;
+use crate::fit::mip;
 use crate::reflectance::{Lobe, LobeBrdf, Microfacet, Rgb, colour};
 use crate::scene::{Filter, Light, Reflectance, Scene};
 
@@ -51,7 +52,9 @@ pub(crate) struct PackedMaterial {
     pub(crate) bilinear: u32,
     /// Repeats along u and v.
     pub(crate) tiling: [f32; 2],
-    padding: [u32; 2],
+    /// MIP levels beyond the finest; their texels follow.
+    pub(crate) levels: u32,
+    padding: u32,
     /// Radiance of a rectangular light's front; zero for objects.
     pub(crate) emission: [f32; 3],
     /// 1 for a rectangular light.
@@ -68,29 +71,36 @@ pub(crate) struct Materials {
 }
 
 impl Materials {
-    /// Packs the materials of a scene's objects.
+    /// Packs the materials of a scene's objects, without MIP levels.
     pub(crate) fn new(scene: &Scene) -> Self {
+        Self::pack(scene, false)
+    }
+
+    /// Packs the materials of a scene's objects with their MIP levels.
+    pub(crate) fn with_levels(scene: &Scene) -> Self {
+        Self::pack(scene, true)
+    }
+
+    fn pack(scene: &Scene, with_levels: bool) -> Self {
         let mut packed =
             Self { materials: vec![], texels: vec![], lobes: vec![], microfacets: HashMap::new() };
         for object in &scene.objects {
             let first = packed.texels.len() as u32;
             let (width, height) = match &object.material.reflectance {
-                Reflectance::Uniform(brdf) => {
-                    packed.push(brdf);
-                    (1, 1)
-                }
-                Reflectance::Map(map) => {
-                    (0..map.width * map.height).for_each(|index| packed.push(&map.texel(index)));
-                    (map.width as u32, map.height as u32)
-                }
+                Reflectance::Uniform(_) => (1, 1),
+                Reflectance::Map(map) => (map.width as u32, map.height as u32),
             };
+            let levels = if with_levels { object.material.levels.len() as u32 } else { 0 };
+            let texels = if with_levels { usize::MAX } else { (width * height) as usize };
+            object.material.brdfs().take(texels).for_each(|brdf| packed.push(&brdf));
             packed.materials.push(PackedMaterial {
                 first,
                 width,
                 height,
                 bilinear: u32::from(object.material.filter == Filter::Bilinear && (width, height) != (1, 1)),
                 tiling: object.material.tiling.to_array(),
-                padding: [0; 2],
+                levels,
+                padding: 0,
                 emission: [0.0; 3],
                 emits: 0,
             });
@@ -105,7 +115,8 @@ impl Materials {
                     height: 1,
                     bilinear: 0,
                     tiling: [1.0; 2],
-                    padding: [0; 2],
+                    levels: 0,
+                    padding: 0,
                     emission: radiance.to_array(),
                     emits: 1,
                 });
@@ -130,30 +141,12 @@ impl Materials {
         });
     }
 
-    /// The texel that texture coordinates lie in.
-    pub(crate) fn nearest(&self, object: u32, uv: Vec2) -> u32 {
-        let material = &self.materials[object as usize];
-        let (x, y) = texel_coordinates(material, uv);
-        self.index(material, x.floor() as i64, y.floor() as i64)
-    }
-
     /// The texels around texture coordinates with their weights; four entries, or one of weight 1 and three of 0.
+    #[cfg(test)]
     pub(crate) fn neighbours(&self, object: u32, uv: Vec2) -> [(u32, f32); 4] {
         let material = &self.materials[object as usize];
-        if material.bilinear == 0 {
-            let texel = self.nearest(object, uv);
-            return [(texel, 1.0), (texel, 0.0), (texel, 0.0), (texel, 0.0)];
-        }
         let (x, y) = texel_coordinates(material, uv);
-        let (left, top) = ((x - 0.5).floor(), (y - 0.5).floor());
-        let (fx, fy) = (x - 0.5 - left, y - 0.5 - top);
-        let at = |dx: i64, dy: i64| self.index(material, left as i64 + dx, top as i64 + dy);
-        [
-            (at(0, 0), (1.0 - fx) * (1.0 - fy)),
-            (at(1, 0), fx * (1.0 - fy)),
-            (at(0, 1), (1.0 - fx) * fy),
-            (at(1, 1), fx * fy),
-        ]
+        material.around(0, x, y)
     }
 
     /// One of the neighbours, chosen with its weight as probability by two numbers in 0..1: the mean of evaluated
@@ -167,13 +160,7 @@ impl Materials {
         if material.bilinear != 0 {
             (x, y) = (x + r - 0.5, y + s - 0.5);
         }
-        self.index(material, x.floor() as i64, y.floor() as i64)
-    }
-
-    /// Texel index of a row and column that wrap around.
-    fn index(&self, material: &PackedMaterial, x: i64, y: i64) -> u32 {
-        let (width, height) = (i64::from(material.width), i64::from(material.height));
-        material.first + (y.rem_euclid(height) * width + x.rem_euclid(width)) as u32
+        material.index(0, x.floor() as i64, y.floor() as i64)
     }
 
     /// Radiance of a rectangular light's front; `None` for a scene object.
@@ -187,10 +174,43 @@ impl Materials {
         size_of_val(&self.materials[..]) + size_of_val(&self.texels[..]) + size_of_val(&self.lobes[..])
     }
 
+    /// Diffuse reflectance of a texel, sr⁻¹.
+    pub(crate) fn rho_d(&self, texel: u32) -> Rgb {
+        Rgb::from_array(self.texels[texel as usize].rho_d)
+    }
+
     /// The lobes of a texel.
     pub(crate) fn lobes_of(&self, texel: u32) -> &[PackedLobe] {
         let texel = &self.texels[texel as usize];
         &self.lobes[texel.first as usize..(texel.first + texel.count) as usize]
+    }
+}
+
+impl PackedMaterial {
+    /// The texels around a place in a level, in texels of that level, with their weights; four entries, or one of weight 1 and
+    /// three of 0.
+    pub(crate) fn around(&self, level: u32, x: f32, y: f32) -> [(u32, f32); 4] {
+        if self.bilinear == 0 {
+            let texel = self.index(level, x.floor() as i64, y.floor() as i64);
+            return [(texel, 1.0), (texel, 0.0), (texel, 0.0), (texel, 0.0)];
+        }
+        let (left, top) = ((x - 0.5).floor(), (y - 0.5).floor());
+        let (fx, fy) = (x - 0.5 - left, y - 0.5 - top);
+        let at = |dx: i64, dy: i64| self.index(level, left as i64 + dx, top as i64 + dy);
+        [
+            (at(0, 0), (1.0 - fx) * (1.0 - fy)),
+            (at(1, 0), fx * (1.0 - fy)),
+            (at(0, 1), (1.0 - fx) * fy),
+            (at(1, 1), fx * fy),
+        ]
+    }
+
+    /// Texel index of a column and a row of a level, which wrap around.
+    fn index(&self, level: u32, x: i64, y: i64) -> u32 {
+        let size = |level| mip::size([self.width as usize, self.height as usize], level);
+        let before: usize = (0..level).map(|level| size(level).iter().product::<usize>()).sum();
+        let [width, height] = size(level).map(|edge| edge as i64);
+        self.first + before as u32 + (y.rem_euclid(height) * width + x.rem_euclid(width)) as u32
     }
 }
 
@@ -263,14 +283,22 @@ impl Shader {
     /// Takes a texel and an exitant direction (in the sample's frame, above the surface); with `sampling`, prepares
     /// [`Self::density`].
     pub(crate) fn aim(&mut self, materials: &Materials, texel: u32, wo: Vec3, sampling: bool) {
-        self.rho_d = Rgb::from_array(materials.texels[texel as usize].rho_d);
-        self.wo = wo;
-        self.microfacets.clear();
+        self.aim_lobes(materials.rho_d(texel), materials.lobes_of(texel), wo);
         if let Some(coats) = materials.microfacets.get(&texel) {
             self.microfacets.extend(coats.iter().map(|&coat| AimedMicrofacet { coat, share: 0.0 }));
         }
+        if sampling {
+            self.share();
+        }
+    }
+
+    /// Takes a diffuse term and lobes and an exitant direction, to be evaluated.
+    pub(crate) fn aim_lobes(&mut self, rho_d: Rgb, lobes: &[PackedLobe], wo: Vec3) {
+        self.rho_d = rho_d;
+        self.wo = wo;
+        self.microfacets.clear();
         self.lobes.clear();
-        for lobe in materials.lobes_of(texel) {
+        for lobe in lobes {
             let [xx, xy, yy, zz] = lobe.c;
             let peak = Vec3::new(xx * wo.x + xy * wo.y, xy * wo.x + yy * wo.y, zz * wo.z);
             let least = if lobe.n > 0.0 { math::exp2(NEGLIGIBLE_LOG2 / lobe.n) } else { 0.0 };
@@ -279,9 +307,6 @@ impl Shader {
                 let rho_s = Rgb::from_array(lobe.rho_s);
                 self.lobes.push(Aimed { peak, n: lobe.n, rho_s, least, share: 0.0, density: 0.0 });
             }
-        }
-        if sampling {
-            self.share();
         }
     }
 
@@ -413,7 +438,7 @@ mod tests {
         let packed = Materials::new(&scene);
         // The centre of texel (1, 0) in the second repeat.
         let centre = Vec2::new(0.5 + 0.25, 0.25);
-        assert_eq!(packed.nearest(0, centre), 1);
+        assert_eq!(packed.choose(0, centre, [0.5; 2]), 1);
         let uv = Vec2::new(0.93, 0.95);
         let weights = packed.neighbours(0, uv);
         assert!((weights.iter().map(|w| w.1).sum::<f32>() - 1.0).abs() < 1e-6);

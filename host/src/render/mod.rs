@@ -5,7 +5,7 @@
 //! |---|---|---|
 //! | `reference` | all lights, environment, shadows, interreflection | CPU |
 //! | `environment` | environment by prefiltered maps (6.13)–(6.18), lights as in `lights`; no shadows | CPU |
-//! | `lights` | point, directional, rectangular as points (6.9); no shadows | GPU |
+//! | `lights` | point, directional, rectangular as points (6.9), with shadows | GPU |
 
 pub mod compare;
 pub mod environment;
@@ -19,6 +19,7 @@ mod math;
 pub mod reference;
 mod sampler;
 mod shading;
+pub mod storage;
 
 use glam::Vec3;
 
@@ -143,9 +144,14 @@ pub struct Chosen<'a> {
 ///
 /// # Errors
 /// Those of the method; `lights` without a GPU is a failure, `auto` is not.
-pub fn prepare<'a>(scene: &'a Scene, method: Method, settings: &reference::Settings) -> Result<Chosen<'a>> {
+pub fn prepare<'a>(
+    scene: &'a Scene,
+    method: Method,
+    settings: &reference::Settings,
+    lights: &lights::Settings,
+) -> Result<Chosen<'a>> {
     let reference = |note| Ok(Chosen { prepared: settings.prepare(scene)?, method: Method::Reference, note });
-    let lights = || lights::Settings::default().prepare(scene);
+    let lights = || lights.prepare(scene);
     match method {
         Method::Reference => reference(None),
         Method::Environment => {
@@ -182,9 +188,13 @@ mod tests {
         scene.objects[0].material = Material::uniform(brdf);
         let settings = reference::Settings::default();
         for method in [Method::Lights, Method::Environment] {
-            let error = prepare(&scene, method, &settings).map(|_| ()).unwrap_err();
+            let error =
+                prepare(&scene, method, &settings, &lights::Settings::default()).map(|_| ()).unwrap_err();
             assert!(error.to_string().contains("microfacet") && error.exit_code() == 2, "{error}");
         }
-        assert_eq!(prepare(&scene, Method::Auto, &settings).unwrap().method, Method::Reference);
+        assert_eq!(
+            prepare(&scene, Method::Auto, &settings, &lights::Settings::default()).unwrap().method,
+            Method::Reference
+        );
     }
 }
