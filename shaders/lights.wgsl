@@ -1,6 +1,7 @@
 // Lights without extent on SBRDF materials, any number of lobes and lamps in one pass:
 // L = sum over lights of (rho_d + sum over lobes of rho_s (wi C' wo)^n) E_l (N . wi)   (4.1), (6.9)
-// Reflectance, not its parameters, is interpolated between texels. The twin in Rust is host/src/render/lights/cpu.rs.
+// Reflectance, not its parameters, is interpolated between texels. `distant`, what a texel reflects of light from afar, is
+// appended to this file: environment.wgsl, or nothing. The twin in Rust is host/src/render/lights/cpu.rs.
 
 struct View {
     // World to clip space.
@@ -181,6 +182,11 @@ fn shade(in: Fragment) -> @location(0) vec4f {
             }
         }
         radiance += reflectance * irradiance * wi.z;
+    }
+    for (var k = 0; k < 4; k++) {
+        if weights[k] > 0.0 {
+            radiance += weights[k] * distant(neighbours[k], frame, wo);
+        }
     }
     return vec4f(radiance, 1.0);
 }

@@ -11,6 +11,7 @@ use crate::error::{Error, Result};
 use crate::files;
 use crate::page::{self, html};
 
+pub mod environment;
 pub mod fit;
 pub mod interpolation;
 pub mod plan;

@@ -34,6 +34,17 @@ enum What {
     Storage,
     /// Interpolated coefficients against interpolated reflectance, between texels and in MIP levels
     Interpolation,
+    /// Prefiltered environments: maps against quadrature by exponent, pictures against the path tracer by exponent and angle
+    Environment {
+        /// Environments, .exr or .hdr files or shipped ones; the shipped ones, studio and sky, when none is named
+        environments: Vec<PathBuf>,
+        /// Relative error of the prefiltered maps
+        #[arg(long, value_name = "E", default_value_t = 0.01)]
+        map_error: f32,
+        /// Pixels a row of the pictures
+        #[arg(long, default_value_t = 64, value_parser = clap::value_parser!(u32).range(16..=4096))]
+        width: u32,
+    },
     /// Time against error of every renderer and setting, judged by the reference
     Render {
         /// Scenes, files or shipped ones; all shipped ones when none is named
@@ -64,6 +75,19 @@ pub(super) fn run(args: &ChartArgs, context: &mut Context) -> Result<()> {
         }
         What::Storage => context.report.stage("chart", || chart::storage::chart(seed)),
         What::Interpolation => context.report.stage("chart", chart::interpolation::chart),
+        What::Environment { environments, map_error, width } => {
+            for path in environments.iter().filter(|path| path.exists()) {
+                context.report.input(path);
+            }
+            let shipped = ["studio", "sky"].map(PathBuf::from).to_vec();
+            let names = if environments.is_empty() { &shipped } else { environments };
+            let open = |name: &PathBuf| {
+                let stem = name.file_stem().unwrap_or_default().to_string_lossy().into_owned();
+                Ok((stem, super::environment::open(name)?))
+            };
+            let named = names.iter().map(open).collect::<Result<Vec<_>>>()?;
+            context.report.stage("chart", || chart::environment::chart(&named, *map_error, *width, seed))?
+        }
         What::Render { scenes, samples, width } => {
             let scenes = open(scenes, *width)?;
             context.report.stage("chart", || chart::render::chart(&scenes, *samples, seed))?

@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use super::Context;
+use super::environment::EnvironmentArgs;
 use crate::error::{Error, Result};
 use crate::fit::figures::ErrorFigure;
 use crate::render::compare::{Errors, compare};
@@ -23,7 +24,8 @@ pub(super) struct RenderArgs {
     /// How to render.
     #[arg(long, value_enum, default_value_t = Method::Auto)]
     pub(super) method: Method,
-    /// Samples a pixel of the reference [default: 64, or as many as --seconds and --max-error need]
+    /// Samples a pixel of the reference [default: 64, or as many as --seconds and --max-error need] or of `environment`
+    /// [default: 16]
     #[arg(long, value_parser = clap::value_parser!(u32).range(1..=1_048_576))]
     pub(super) samples: Option<u32>,
     /// Seconds that the reference may take at most
@@ -47,6 +49,8 @@ pub(super) struct RenderArgs {
     /// Rows, instead of the scene's; pixels a row follow when --width is not given
     #[arg(long)]
     pub(super) height: Option<u32>,
+    #[command(flatten)]
+    pub(super) environment: EnvironmentArgs,
 }
 
 impl RenderArgs {
@@ -162,7 +166,8 @@ fn render_scene(args: &RenderArgs, seed: u64) -> Result<RenderOutcome> {
     let against = args.against.as_deref().map(Picture::read_exr).transpose()?;
     let loaded = start.elapsed().as_secs_f64();
 
-    let chosen = render::prepare(&scene, args.method, &args.settings(seed))?;
+    let environment = args.environment.settings(args.samples, seed);
+    let chosen = render::prepare(&scene, args.method, &args.settings(seed), &environment)?;
     let mut outcome = None;
     let (mut cost, mut write_seconds) = (Cost::default(), 0.0);
     for (camera, paths) in &views {
@@ -255,6 +260,13 @@ mod tests {
             against: None,
             width: Some(32),
             height: None,
+            environment: EnvironmentArgs {
+                encoding: crate::render::environment::Encoding::Slices,
+                map_error: 0.05,
+                no_horizon: false,
+                harmonics: false,
+                gpu: false,
+            },
         }
     }
 

@@ -4,7 +4,7 @@
 //! | method | light | where |
 //! |---|---|---|
 //! | `reference` | all lights, environment, shadows, interreflection | CPU |
-//! | `environment` | environment by prefiltered maps (6.13)–(6.18), lights as in `lights`; no shadows | CPU |
+//! | `environment` | environment by prefiltered maps (6.13)–(6.18), lights as in `lights`; no shadows | CPU or GPU |
 //! | `lights` | point, directional, rectangular as points (6.9); no shadows | GPU |
 
 pub mod compare;
@@ -115,7 +115,7 @@ pub enum Method {
     Reference,
     /// Raster on the GPU.
     Lights,
-    /// Prefiltered environment maps on the CPU.
+    /// Prefiltered environment maps, on the CPU or the GPU.
     Environment,
 }
 
@@ -133,15 +133,17 @@ pub struct Chosen<'a> {
 ///
 /// # Errors
 /// Those of the method; `lights` without a GPU is a failure, `auto` is not.
-pub fn prepare<'a>(scene: &'a Scene, method: Method, settings: &reference::Settings) -> Result<Chosen<'a>> {
+pub fn prepare<'a>(
+    scene: &'a Scene,
+    method: Method,
+    settings: &reference::Settings,
+    environment: &environment::Settings,
+) -> Result<Chosen<'a>> {
     let reference = |note| Ok(Chosen { prepared: settings.prepare(scene)?, method: Method::Reference, note });
     let lights = || lights::Settings::default().prepare(scene);
     match method {
         Method::Reference => reference(None),
-        Method::Environment => {
-            let settings = environment::Settings { seed: settings.seed, ..Default::default() };
-            Ok(Chosen { prepared: settings.prepare(scene)?, method, note: None })
-        }
+        Method::Environment => Ok(Chosen { prepared: environment.prepare(scene)?, method, note: None }),
         Method::Lights => Ok(Chosen { prepared: lights()?, method, note: None }),
         Method::Auto if scene.environment.is_some() => {
             reference(Some("the scene has an environment, which `lights` does not render".into()))

@@ -6,7 +6,7 @@ use rayon::prelude::*;
 
 use crate::error::Result;
 use crate::reflectance::Rgb;
-use crate::render::geometry::Geometry;
+use crate::render::geometry::{Geometry, Surface};
 use crate::render::image::Picture;
 use crate::render::materials::{Materials, Shader};
 use crate::render::shading::{self, Rays};
@@ -17,6 +17,17 @@ use crate::scene::Scene;
 /// # Errors
 /// Input errors for a scene that [`Scene::check`] refuses.
 pub fn render(scene: &Scene) -> Result<Picture> {
+    render_with(scene, |_, _| Rgb::ZERO)
+}
+
+/// The same with other light that a texel reflects.
+///
+/// # Errors
+/// Those of [`render`].
+pub(crate) fn render_with(
+    scene: &Scene,
+    distant: impl Fn(&Surface, &Shader) -> Rgb + Sync,
+) -> Result<Picture> {
     scene.check()?;
     let (geometry, materials, rays) = (Geometry::new(scene), Materials::new(scene), Rays::new(&scene.camera));
     let lamps = shading::lamps(&scene.lights, super::POINTS_ACROSS);
@@ -39,7 +50,8 @@ pub fn render(scene: &Scene) -> Result<Picture> {
         for (texel, weight) in materials.neighbours(surface.object, surface.uv) {
             if weight > 0.0 {
                 shader.aim(&materials, texel, surface.to_local(-direction), false);
-                radiance += weight * shading::reflect_lights(&lamps, &surface, shader, |_| true);
+                let near = shading::reflect_lights(&lamps, &surface, shader, |_| true);
+                radiance += weight * (near + distant(&surface, shader));
             }
         }
         *pixel = radiance.extend(1.0);

@@ -87,12 +87,32 @@ impl Renderer for Settings {
     fn prepare<'a>(&self, scene: &'a Scene) -> Result<Box<dyn Prepared + 'a>> {
         scene.check()?;
         let start = Instant::now();
-        let gpu = Gpu::open()?;
-        let uploads = Uploads::new(scene);
-        let pass = gpu.guarded(|| pipeline::Pass::new(&gpu, &uploads, self.samples))?;
-        let bytes = uploads.bytes();
-        Ok(Box::new(Lights { scene, gpu, pass, bytes, prepare_seconds: start.elapsed().as_secs_f64() }))
+        ready(scene, Gpu::open()?, self.samples, None, start)
     }
+}
+
+/// Light from afar: WGSL that is appended to shaders/lights.wgsl and defines `distant`, and what it reads as group 1.
+pub(super) struct Distant {
+    pub(super) shader: &'static str,
+    pub(super) buffers: Vec<wgpu::Buffer>,
+}
+
+/// Uploads a scene; work on it began at `start`.
+///
+/// # Errors
+/// Failures of the device.
+pub(super) fn ready(
+    scene: &Scene,
+    gpu: Gpu,
+    samples: u32,
+    distant: Option<Distant>,
+    start: Instant,
+) -> Result<Box<dyn Prepared + '_>> {
+    let uploads = Uploads::new(scene);
+    let more = distant.iter().flat_map(|distant| &distant.buffers).map(wgpu::Buffer::size).sum::<u64>();
+    let pass = gpu.guarded(|| pipeline::Pass::new(&gpu, &uploads, samples, distant))?;
+    let bytes = uploads.bytes() + more as usize;
+    Ok(Box::new(Lights { scene, gpu, pass, bytes, prepare_seconds: start.elapsed().as_secs_f64() }))
 }
 
 /// A scene on the GPU.

@@ -3,13 +3,15 @@
 use glam::Vec4;
 use wgpu::{BufferUsages, TextureFormat, TextureUsages};
 
-use super::{Uploads, View};
+use super::{Distant, Uploads, View};
 use crate::error::{Error, Result};
 use crate::render::gpu::Gpu;
 use crate::scene::{Camera, Vertex};
 
 /// The shader, shared with the browser.
 const SHADER: &str = include_str!("../../../../shaders/lights.wgsl");
+/// Where there is no light from afar.
+const NOT_DISTANT: &str = "fn distant(texel: u32, frame: mat3x3f, wo: vec3f) -> vec3f { return vec3f(0.0); }";
 const DEPTH: TextureFormat = TextureFormat::Depth32Float;
 
 /// Everything of one scene on the device.
@@ -17,6 +19,8 @@ pub(super) struct Pass {
     pipeline: wgpu::RenderPipeline,
     /// What the shader reads, but for the view.
     buffers: [wgpu::Buffer; 4],
+    /// What light from afar reads.
+    distant: Option<wgpu::BindGroup>,
     lamps: usize,
     vertices: wgpu::Buffer,
     indices: wgpu::Buffer,
@@ -27,7 +31,7 @@ pub(super) struct Pass {
 
 impl Pass {
     /// Uploads a scene and builds the pipeline for `samples` a pixel, or 1 where the adapter cannot.
-    pub(super) fn new(gpu: &Gpu, uploads: &Uploads, samples: u32) -> Result<Self> {
+    pub(super) fn new(gpu: &Gpu, uploads: &Uploads, samples: u32, distant: Option<Distant>) -> Result<Self> {
         let wanted = [
             (TextureFormat::Rgba32Float, samples),
             (TextureFormat::Rgba16Float, samples),
@@ -37,8 +41,11 @@ impl Pass {
         let (format, samples) =
             gpu.target(&wanted).ok_or_else(|| Error::failure("GPU: it cannot draw to float textures"))?;
         let storage = BufferUsages::STORAGE;
+        let shader = distant.as_ref().map_or(NOT_DISTANT, |distant| distant.shader);
+        let pipeline = pipeline(gpu, format, samples, shader);
         Ok(Self {
-            pipeline: pipeline(gpu, format, samples),
+            distant: distant.map(|distant| bind(gpu, &pipeline, 1, distant.buffers.iter())),
+            pipeline,
             buffers: [
                 gpu.buffer("lamps", &uploads.lamps, storage)?,
                 gpu.buffer("materials", &uploads.materials.materials, storage)?,
@@ -76,15 +83,7 @@ impl Pass {
         let view =
             View { projection: super::projection(camera), eye: camera.position.extend(self.lamps as f32) };
         let view = gpu.buffer("view", &[view], BufferUsages::UNIFORM)?;
-        let entries: Vec<_> = (0u32..)
-            .zip(std::iter::once(&view).chain(&self.buffers))
-            .map(|(binding, buffer)| wgpu::BindGroupEntry { binding, resource: buffer.as_entire_binding() })
-            .collect();
-        Ok(gpu.device.create_bind_group(&wgpu::BindGroupDescriptor {
-            label: Some("lights"),
-            layout: &self.pipeline.get_bind_group_layout(0),
-            entries: &entries,
-        }))
+        Ok(bind(gpu, &self.pipeline, 0, std::iter::once(&view).chain(&self.buffers)))
     }
 
     /// Draws all objects and reads the picture back.
@@ -137,6 +136,9 @@ impl Pass {
             });
             pass.set_pipeline(&self.pipeline);
             pass.set_bind_group(0, &bindings, &[]);
+            if let Some(distant) = &self.distant {
+                pass.set_bind_group(1, distant, &[]);
+            }
             pass.set_vertex_buffer(0, self.vertices.slice(..));
             pass.set_index_buffer(self.indices.slice(..), wgpu::IndexFormat::Uint32);
             for (object, run) in (0u32..).zip(&self.runs) {
@@ -148,11 +150,29 @@ impl Pass {
     }
 }
 
-/// The pipeline for a target's format and samples.
-fn pipeline(gpu: &Gpu, format: TextureFormat, samples: u32) -> wgpu::RenderPipeline {
+/// Whole buffers as a group, in the order of their bindings.
+fn bind<'a>(
+    gpu: &Gpu,
+    pipeline: &wgpu::RenderPipeline,
+    group: u32,
+    buffers: impl Iterator<Item = &'a wgpu::Buffer>,
+) -> wgpu::BindGroup {
+    let entries: Vec<_> = (0u32..)
+        .zip(buffers)
+        .map(|(binding, buffer)| wgpu::BindGroupEntry { binding, resource: buffer.as_entire_binding() })
+        .collect();
+    gpu.device.create_bind_group(&wgpu::BindGroupDescriptor {
+        label: Some("lights"),
+        layout: &pipeline.get_bind_group_layout(group),
+        entries: &entries,
+    })
+}
+
+/// The pipeline for a target's format and samples, with the shader of light from afar.
+fn pipeline(gpu: &Gpu, format: TextureFormat, samples: u32, distant: &str) -> wgpu::RenderPipeline {
     let module = gpu.device.create_shader_module(wgpu::ShaderModuleDescriptor {
         label: Some("lights.wgsl"),
-        source: wgpu::ShaderSource::Wgsl(SHADER.into()),
+        source: wgpu::ShaderSource::Wgsl(format!("{SHADER}\n{distant}").into()),
     });
     let attributes = wgpu::vertex_attr_array![0 => Float32x3, 1 => Float32x3, 2 => Float32x4, 3 => Float32x2];
     gpu.device.create_render_pipeline(&wgpu::RenderPipelineDescriptor {
