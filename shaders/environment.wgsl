@@ -1,4 +1,4 @@
-// Light from afar by prefiltered maps (6.13)-(6.18), appended to lights.wgsl, which calls `distant` for every texel.
+// Light from afar by prefiltered maps (6.13)-(6.18), appended to lights.wgsl, which calls `distant_of`.
 // The twin in Rust is host/src/render/environment/mod.rs, Light::reflected.
 
 struct Sky {
@@ -131,24 +131,40 @@ fn turned(direction: vec3f, angle: f32) -> vec3f {
     return direction * cos(angle) + up * sin(angle);
 }
 
-// Radiance of the environment that a texel reflects.
-fn distant(texel: u32, frame: mat3x3f, wo: vec3f) -> vec3f {
-    var radiance = texels[texel].rho_d * irradiance(frame[2]);
-    let first = texels[texel].first;
-    let end = first + texels[texel].count;
-    for (var j = first; j < end; j++) {
-        let c = lobes[j].c;
-        let n = lobes[j].n;
+// Radiance of the environment that a texel reflects; `diffuse` is D(N).
+fn distant(index: u32, brightest: f32, diffuse: vec3f, frame: mat3x3f, wo: vec3f) -> vec3f {
+    var at = starts[index];
+    let end = starts[index + 1u];
+    let texel = texel_at(at, brightest);
+    var radiance = texel.rho_d * diffuse;
+    for (at += GROUP; at < end; at += 2u * GROUP) {
+        let lobe = lobe_at(at, texel, brightest);
+        let c = lobe.c;
         let peak = vec3f(c.x * wo.x + c.y * wo.y, c.y * wo.x + c.z * wo.y, c.w * wo.z);
         let size = length(peak);
         if size <= 1e-18 {
             continue;
         }
-        let part = clip(peak.z / size, n);
+        let part = clip(peak.z / size, lobe.n);
         if part.x > 0.0 {
-            let sharp = clamp((n + 1.0) * part.z - 1.0, maps[1].n, maps[sky.maps].n);
-            let light = lobe_light(frame * turned(peak / size, part.y), sharp);
-            radiance += lobes[j].rho_s * light * (pow(size, n) * part.x * (sharp + 1.0) / (n + 1.0));
+            let n = clamp((lobe.n + 1.0) * part.z - 1.0, maps[1].n, maps[sky.maps].n);
+            let light = lobe_light(frame * turned(peak / size, part.y), n);
+            radiance += lobe.rho_s * light * (pow(size, lobe.n) * part.x * (n + 1.0) / (lobe.n + 1.0));
+        }
+    }
+    return radiance;
+}
+
+// The same over a footprint.
+fn distant_of(object: u32, footprint: Footprint, frame: mat3x3f, wo: vec3f) -> vec3f {
+    let diffuse = irradiance(frame[2]);
+    let brightest = materials[object].brightest;
+    let count = tap_count(object, footprint);
+    var radiance = vec3f(0.0);
+    for (var k = 0u; k < count; k++) {
+        let one = tap(object, footprint, k);
+        if one.weight > 0.0 {
+            radiance += one.weight * distant(one.texel, brightest, diffuse, frame, wo);
         }
     }
     return radiance;

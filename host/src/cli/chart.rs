@@ -32,7 +32,7 @@ enum What {
     },
     /// Coefficients in fewer bits: f16 and 8 bits against f32
     Storage,
-    /// Interpolated coefficients against interpolated reflectance, between texels and in MIP levels
+    /// Interpolated coefficients against interpolated reflectance, between texels and in MIP levels; filters of textures in pictures
     Interpolation,
     /// Prefiltered environments: maps against quadrature by exponent, pictures against the path tracer by exponent and angle
     Environment {
@@ -44,6 +44,15 @@ enum What {
         /// Pixels a row of the pictures
         #[arg(long, default_value_t = 64, value_parser = clap::value_parser!(u32).range(16..=4096))]
         width: u32,
+    },
+    /// Frames per second of `lights` by lobes, lights, pixels, filter and storage; needs a GPU
+    Lights {
+        /// The scene, a file or a shipped one; its materials and lights are replaced
+        #[arg(default_value = "gallery")]
+        scene: PathBuf,
+        /// Frames a measurement
+        #[arg(long, default_value_t = 8, value_parser = clap::value_parser!(u32).range(1..=10_000))]
+        frames: u32,
     },
     /// Time against error of every renderer and setting, judged by the reference
     Render {
@@ -73,8 +82,8 @@ pub(super) fn run(args: &ChartArgs, context: &mut Context) -> Result<()> {
             };
             context.report.stage("chart", || chart::plan::chart(&config, seed))?
         }
-        What::Storage => context.report.stage("chart", || chart::storage::chart(seed)),
-        What::Interpolation => context.report.stage("chart", chart::interpolation::chart),
+        What::Storage => context.report.stage("chart", || chart::storage::chart(seed))?,
+        What::Interpolation => context.report.stage("chart", chart::interpolation::chart)?,
         What::Environment { environments, map_error, width } => {
             for path in environments.iter().filter(|path| path.exists()) {
                 context.report.input(path);
@@ -87,6 +96,10 @@ pub(super) fn run(args: &ChartArgs, context: &mut Context) -> Result<()> {
             };
             let named = names.iter().map(open).collect::<Result<Vec<_>>>()?;
             context.report.stage("chart", || chart::environment::chart(&named, *map_error, *width, seed))?
+        }
+        What::Lights { scene, frames } => {
+            let scene = Scene::open(scene)?;
+            context.report.stage("chart", || chart::lights::chart(&scene, *frames))?
         }
         What::Render { scenes, samples, width } => {
             let scenes = open(scenes, *width)?;

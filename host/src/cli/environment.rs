@@ -8,20 +8,20 @@ use super::Context;
 use crate::error::{Error, Result};
 use crate::files;
 use crate::progress;
-use crate::render::Picture;
 use crate::render::environment::{Encoding, Settings, prefilter};
+use crate::render::{Method, Picture};
 use crate::scene::Environment;
 
-/// How `--method environment` works.
-#[derive(Debug, Clone, Copy, Args)]
-#[command(next_help_heading = "With --method environment")]
+/// What only `--method environment` takes.
+#[derive(Debug, Default, Args)]
+#[command(next_help_heading = "Options of --method environment")]
 pub(super) struct EnvironmentArgs {
-    /// How prefiltered maps encode the exponent
-    #[arg(long, value_enum, default_value_t = Settings::default().encoding)]
-    pub(super) encoding: Encoding,
-    /// Relative error of the prefiltered maps, RMS over directions; their resolution and number follow from it
-    #[arg(long, value_name = "E", default_value_t = Settings::default().map_error)]
-    pub(super) map_error: f32,
+    /// How prefiltered maps encode the exponent [default: slices]
+    #[arg(long, value_enum)]
+    pub(super) encoding: Option<Encoding>,
+    /// Relative error of the prefiltered maps, RMS over directions; their resolution and number follow from it [default: 0.01]
+    #[arg(long, value_name = "E")]
+    pub(super) map_error: Option<f32>,
     /// Takes the cosine at a lobe's peak, as published, and lets light from below the horizon in
     #[arg(long)]
     pub(super) no_horizon: bool,
@@ -34,18 +34,28 @@ pub(super) struct EnvironmentArgs {
 }
 
 impl EnvironmentArgs {
-    /// The settings, with the samples a pixel if they are given.
-    pub(super) fn settings(&self, samples: Option<u32>, seed: u64) -> Settings {
-        let default = Settings::default();
-        Settings {
-            encoding: self.encoding,
-            map_error: self.map_error,
-            horizon: !self.no_horizon,
-            harmonics: self.harmonics,
-            gpu: self.gpu,
-            samples: samples.unwrap_or(default.samples),
-            seed,
+    /// The settings for a method, with the samples a pixel if they are given.
+    ///
+    /// # Errors
+    /// An input error when another method is given any of these.
+    pub(super) fn settings(&self, method: Method, samples: Option<u32>, seed: u64) -> Result<Settings> {
+        let Self { encoding, map_error, no_horizon, harmonics, gpu } = *self;
+        let given = encoding.is_some() || map_error.is_some() || no_horizon || harmonics || gpu;
+        if given && method != Method::Environment {
+            return Err(Error::input(
+                "--encoding, --map-error, --no-horizon, --harmonics and --gpu go with --method environment",
+            ));
         }
+        let base = Settings::default();
+        Ok(Settings {
+            encoding: encoding.unwrap_or(base.encoding),
+            map_error: map_error.unwrap_or(base.map_error),
+            horizon: !no_horizon,
+            harmonics,
+            gpu,
+            samples: samples.unwrap_or(base.samples),
+            seed,
+        })
     }
 }
 
@@ -107,6 +117,18 @@ pub(super) fn open(name: &Path) -> Result<Environment> {
 mod tests {
     use super::*;
     use crate::reflectance::Rgb;
+
+    #[test]
+    fn options_go_with_no_other_method() {
+        let args = EnvironmentArgs { gpu: true, no_horizon: true, ..EnvironmentArgs::default() };
+        assert_eq!(args.settings(Method::Lights, None, 1).unwrap_err().exit_code(), 2);
+        let settings = args.settings(Method::Environment, Some(4), 1).unwrap();
+        assert_eq!((settings.gpu, settings.horizon, settings.samples), (true, false, 4));
+        assert_eq!(
+            EnvironmentArgs::default().settings(Method::Environment, None, 0).unwrap(),
+            Settings::default()
+        );
+    }
 
     #[test]
     fn maps_of_even_light_are_even_and_an_exponent_out_of_range_is_refused() {

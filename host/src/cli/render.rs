@@ -8,6 +8,8 @@ use super::environment::EnvironmentArgs;
 use crate::error::{Error, Result};
 use crate::fit::figures::ErrorFigure;
 use crate::render::compare::{Errors, compare};
+use crate::render::lights::{self, Filtering};
+use crate::render::storage::Storage;
 use crate::render::{self, Cost, Method, Picture, PictureKind, Rendering, reference};
 use crate::report::Stage;
 use crate::scene::{Camera, Scene};
@@ -15,7 +17,7 @@ use crate::scene::{Camera, Scene};
 /// Render a scene of SBRDF materials.
 #[derive(Debug, clap::Args)]
 pub(super) struct RenderArgs {
-    /// The scene: a .toml file, or one that is shipped: studio-ball, sky-drape, lamps, window, metal-row
+    /// The scene: a .toml file, or one that is shipped: studio-ball, sky-drape, lamps, window, metal-row, gallery
     pub(super) scene: PathBuf,
     /// Where the picture goes: .exr is linear, .png is tone-mapped. May be given more than once. A name with # (frame-##.png)
     /// takes every frame of the scene's animation
@@ -24,8 +26,8 @@ pub(super) struct RenderArgs {
     /// How to render.
     #[arg(long, value_enum, default_value_t = Method::Auto)]
     pub(super) method: Method,
-    /// Samples a pixel of the reference [default: 64, or as many as --seconds and --max-error need] or of `environment`
-    /// [default: 16]
+    /// Samples a pixel: of the reference [default: 64, or as many as --seconds and --max-error need], of lights at edges [default: 4,
+    /// or the most below that the GPU can], of environment [default: 16]
     #[arg(long, value_parser = clap::value_parser!(u32).range(1..=1_048_576))]
     pub(super) samples: Option<u32>,
     /// Seconds that the reference may take at most
@@ -50,10 +52,52 @@ pub(super) struct RenderArgs {
     #[arg(long)]
     pub(super) height: Option<u32>,
     #[command(flatten)]
+    pub(super) lights: LightsArgs,
+    #[command(flatten)]
     pub(super) environment: EnvironmentArgs,
 }
 
+/// What only `--method lights` takes.
+#[derive(Debug, Default, clap::Args)]
+#[command(next_help_heading = "Options of --method lights")]
+pub(super) struct LightsArgs {
+    /// What a pixel takes of a texture that is smaller than it should be [default: shaded]
+    #[arg(long, value_enum)]
+    filter: Option<Filtering>,
+    /// Samples of a texture along an axis of the pixel at most; along the longer one with MIP levels [default: 16]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=256))]
+    anisotropy: Option<u32>,
+    /// How coefficients are stored on the GPU [default: f32]
+    #[arg(long, value_enum)]
+    storage: Option<Storage>,
+    /// Leaves shadows out
+    #[arg(long)]
+    no_shadows: bool,
+}
+
 impl RenderArgs {
+    /// What `lights` is to do.
+    ///
+    /// # Errors
+    /// An input error for options of `lights` with another method.
+    fn lights(&self) -> Result<lights::Settings> {
+        let LightsArgs { filter, anisotropy, storage, no_shadows } = self.lights;
+        let given = filter.is_some() || anisotropy.is_some() || storage.is_some() || no_shadows;
+        if given && self.method != Method::Lights {
+            return Err(Error::input(
+                "--filter, --anisotropy, --storage and --no-shadows go with --method lights",
+            ));
+        }
+        let base = lights::Settings::default();
+        Ok(lights::Settings {
+            samples: self.samples.unwrap_or(base.samples),
+            filtering: filter.unwrap_or(base.filtering),
+            anisotropy: anisotropy.unwrap_or(base.anisotropy),
+            storage: storage.unwrap_or(base.storage),
+            shadows: !no_shadows,
+        })
+    }
+
     /// What the reference is to do.
     fn settings(&self, seed: u64) -> reference::Settings {
         let budget = self.seconds.is_some() || self.max_error.is_some();
@@ -150,6 +194,8 @@ fn render_scene(args: &RenderArgs, seed: u64) -> Result<RenderOutcome> {
     {
         return Err(Error::input(format!("{}: a variance image's name ends in .exr", path.display())));
     }
+    let lights = args.lights()?;
+    let environment = args.environment.settings(args.method, args.samples, seed)?;
     let start = Instant::now();
     let mut scene = Scene::open(&args.scene)?;
     let keys = scene.animation.iter_mut().flat_map(|animation| &mut animation.keys);
@@ -166,8 +212,7 @@ fn render_scene(args: &RenderArgs, seed: u64) -> Result<RenderOutcome> {
     let against = args.against.as_deref().map(Picture::read_exr).transpose()?;
     let loaded = start.elapsed().as_secs_f64();
 
-    let environment = args.environment.settings(args.samples, seed);
-    let chosen = render::prepare(&scene, args.method, &args.settings(seed), &environment)?;
+    let chosen = render::prepare(&scene, args.method, &args.settings(seed), &lights, &environment)?;
     let mut outcome = None;
     let (mut cost, mut write_seconds) = (Cost::default(), 0.0);
     for (camera, paths) in &views {
@@ -258,15 +303,10 @@ mod tests {
             bounces: 4,
             variance: None,
             against: None,
+            lights: LightsArgs::default(),
+            environment: EnvironmentArgs::default(),
             width: Some(32),
             height: None,
-            environment: EnvironmentArgs {
-                encoding: crate::render::environment::Encoding::Slices,
-                map_error: 0.05,
-                no_horizon: false,
-                harmonics: false,
-                gpu: false,
-            },
         }
     }
 
@@ -316,6 +356,20 @@ mod tests {
         let outcome = render_scene(&args, 1).unwrap();
         assert_eq!((outcome.written.len(), outcome.rendering.picture.height), (24, 6));
         assert!(folder.path().join("f-00.png").exists() && folder.path().join("f-23.png").exists());
+    }
+
+    #[test]
+    fn options_of_lights_go_with_no_other_method() {
+        let folder = tempfile::tempdir().unwrap();
+        let mut args = args(folder.path(), Method::Auto, &["a.png"]);
+        args.lights.storage = Some(Storage::Bits8);
+        assert_eq!(render_scene(&args, 1).unwrap_err().exit_code(), 2);
+        args.method = Method::Lights;
+        let lights = args.lights().unwrap();
+        assert_eq!(
+            (lights.storage, lights.filtering, lights.shadows),
+            (Storage::Bits8, Filtering::Shaded, true)
+        );
     }
 
     #[test]

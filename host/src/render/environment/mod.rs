@@ -85,6 +85,7 @@ impl Settings {
 impl Renderer for Settings {
     fn prepare<'a>(&self, scene: &'a Scene) -> Result<Box<dyn Prepared + 'a>> {
         scene.check()?;
+        super::lobes_only(scene, "environment")?;
         self.check()?;
         let start = Instant::now();
         if self.gpu {

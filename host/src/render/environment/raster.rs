@@ -10,7 +10,7 @@ use super::{Horizon, Light, Settings};
 use crate::error::Result;
 use crate::render::Prepared;
 use crate::render::gpu::Gpu;
-use crate::render::lights::{self, Distant};
+use crate::render::lights::{self, Distant, Lights};
 use crate::render::materials::Materials;
 use crate::scene::Scene;
 
@@ -41,8 +41,12 @@ pub(super) fn prepare<'a>(
         let light = Light::new(environment, &materials, settings, Some(&gpu))?;
         upload(&gpu, &light)
     });
-    let samples = if settings.samples >= 4 { 4 } else { 1 };
-    lights::ready(scene, gpu, samples, distant.transpose()?, start)
+    Ok(Box::new(Lights::new(&drawn(settings), scene, gpu, distant.transpose()?)?.since(start)))
+}
+
+/// How the raster draws.
+fn drawn(settings: &Settings) -> lights::Settings {
+    lights::Settings { samples: settings.samples, ..Default::default() }
 }
 
 /// Puts what the shader reads on the device.
@@ -61,7 +65,7 @@ fn upload(gpu: &Gpu, light: &Light) -> Result<Distant> {
         },
     };
     let clipped = light.horizon.map_or_else(Vec::new, Horizon::packed);
-    let buffers = vec![
+    let buffers = [
         gpu.buffer("sky", &[sky], BufferUsages::UNIFORM)?,
         gpu.buffer("maps", &places, BufferUsages::STORAGE)?,
         gpu.buffer("pixels", &pixels, BufferUsages::STORAGE)?,
@@ -108,7 +112,8 @@ mod tests {
             };
             let environment = scene.environment.as_ref().unwrap();
             let light = Light::new(environment, &Materials::new(&scene), &settings, None).unwrap();
-            let twin = cpu::render_with(&scene, |surface, shader| light.reflected(surface, shader)).unwrap();
+            let distant = |surface: &_, shader: &_| light.reflected(surface, shader);
+            let twin = cpu::render_with(&scene, &drawn(&settings), &distant).unwrap();
             let pixels = rendering.picture.pixels.iter().zip(&twin.pixels);
             let mut errors: Vec<f32> = pixels
                 .filter(|(gpu, cpu)| gpu.w == cpu.w)
