@@ -58,7 +58,7 @@ fn brdf(lobes: usize, random: &mut Random) -> LobeBrdf {
         n: number(2.0, 60.0),
     };
     let lobes = (0..lobes).map(lobe).collect();
-    LobeBrdf { rho_d: Rgb::splat(0.15), beta: 0.0, lobes }
+    LobeBrdf { rho_d: Rgb::splat(0.15), lobes, ..LobeBrdf::default() }
 }
 
 /// Measures frames of a scene.

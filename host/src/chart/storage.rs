@@ -38,7 +38,12 @@ fn test_lobe(n: f32, random: &mut Random) -> LobeBrdf {
     let (across, up) = (off.exp(), (-off).exp());
     let c = Vec3::new(-across, -across, up) / (0.5 * (across + up));
     let lobe = Lobe { rho_s: Rgb::splat(0.9), c, n };
-    LobeBrdf { rho_d: Rgb::splat(random.uniform(0.02, 0.2) as f32), beta: 0.0, lobes: vec![lobe] }
+    LobeBrdf {
+        rho_d: Rgb::splat(random.uniform(0.02, 0.2) as f32),
+        beta: 0.0,
+        lobes: vec![lobe],
+        ..LobeBrdf::default()
+    }
 }
 
 /// The chart.
@@ -115,7 +120,7 @@ fn published() -> Section {
 /// In the mirror direction, where a lobe with |Cx| > 1 grows toward grazing angles and a clamped one does not.
 fn grazing() -> Section {
     let lobe = Lobe { rho_s: Rgb::splat(0.3), c: Vec3::new(-1.04, -1.04, 0.94), n: 40.0 };
-    let brdf = LobeBrdf { rho_d: Rgb::splat(0.05), beta: 0.0, lobes: vec![lobe] };
+    let brdf = LobeBrdf { rho_d: Rgb::splat(0.05), beta: 0.0, lobes: vec![lobe], ..LobeBrdf::default() };
     let angles: Vec<f32> = (0..=44).map(|k| 2.0 * k as f32).collect();
     let curve = |storage: Storage| {
         let stored = storage.stored(&brdf, brightest(&brdf));
@@ -156,7 +161,7 @@ fn banding() -> Section {
     let texel = |k: usize| {
         let n = 2.0 + 8.0 * k as f32 / (TEXELS - 1) as f32;
         let lobe = Lobe { rho_s: Rgb::splat(0.3), c: Vec3::new(-1.0, -1.0, 1.0), n };
-        LobeBrdf { rho_d: Rgb::splat(0.02), beta: 0.0, lobes: vec![lobe] }
+        LobeBrdf { rho_d: Rgb::splat(0.02), beta: 0.0, lobes: vec![lobe], ..LobeBrdf::default() }
     };
     let (wi, wo) = (Vec3::new(0.5, 0.0, 0.75f32.sqrt()), Vec3::Z);
     let mut table = Table::new(["storage", "values in 256 texels", "largest step, % of the value"]);
@@ -257,7 +262,7 @@ mod tests {
 
     fn lobe(cx: f32, cz: f32, n: f32) -> LobeBrdf {
         let lobe = Lobe { rho_s: Rgb::splat(0.3), c: Vec3::new(cx, cx, cz), n };
-        LobeBrdf { rho_d: Rgb::splat(0.1), beta: 0.0, lobes: vec![lobe] }
+        LobeBrdf { rho_d: Rgb::splat(0.1), beta: 0.0, lobes: vec![lobe], ..LobeBrdf::default() }
     }
 
     #[test]

@@ -1,11 +1,13 @@
 //! A scene's materials packed for evaluation: black lobes dropped, β multiplied into C, one layout for CPU and shader.
 
+use std::collections::HashMap;
+
 use bytemuck::{Pod, Zeroable};
 use glam::{Vec2, Vec3};
 
 use super::math;
 use crate::fit::mip;
-use crate::reflectance::{Lobe, LobeBrdf, Rgb, colour};
+use crate::reflectance::{Lobe, LobeBrdf, Microfacet, Rgb, colour};
 use crate::scene::{Filter, Light, Reflectance, Scene};
 
 /// Lobes whose value would fall below 2^−40 of ρ_s are skipped.
@@ -64,6 +66,8 @@ pub(crate) struct Materials {
     pub(crate) materials: Vec<PackedMaterial>,
     pub(crate) texels: Vec<PackedTexel>,
     pub(crate) lobes: Vec<PackedLobe>,
+    /// Microfacet terms of the few texels that have any; not uploaded.
+    microfacets: HashMap<u32, Vec<Microfacet>>,
 }
 
 impl Materials {
@@ -78,7 +82,8 @@ impl Materials {
     }
 
     fn pack(scene: &Scene, with_levels: bool) -> Self {
-        let mut packed = Self { materials: vec![], texels: vec![], lobes: vec![] };
+        let mut packed =
+            Self { materials: vec![], texels: vec![], lobes: vec![], microfacets: HashMap::new() };
         for object in &scene.objects {
             let first = packed.texels.len() as u32;
             let (width, height) = match &object.material.reflectance {
@@ -122,6 +127,9 @@ impl Materials {
 
     /// Appends one texel.
     fn push(&mut self, brdf: &LobeBrdf) {
+        if !brdf.microfacets.is_empty() {
+            self.microfacets.insert(self.texels.len() as u32, brdf.microfacets.clone());
+        }
         let first = self.lobes.len() as u32;
         self.lobes
             .extend(brdf.lobes.iter().filter(|lobe| lobe.rho_s != Rgb::ZERO).map(|l| pack(l, brdf.beta)));
@@ -245,12 +253,23 @@ pub(crate) struct Aimed {
     density: f32,
 }
 
+/// A microfacet term for a fixed exitant direction.
+pub(crate) struct AimedMicrofacet {
+    pub(crate) coat: Microfacet,
+    /// Probability of this term in the mixture.
+    pub(crate) share: f32,
+}
+
 /// A texel's BRDF for a fixed exitant direction, ready for many incident ones.
 pub(crate) struct Shader {
     /// Diffuse reflectance, sr⁻¹.
     pub(crate) rho_d: Rgb,
     /// The lobes that reach the viewer.
     pub(crate) lobes: Vec<Aimed>,
+    /// The microfacet terms.
+    pub(crate) microfacets: Vec<AimedMicrofacet>,
+    /// The exitant direction.
+    pub(crate) wo: Vec3,
     /// Probability of the cosine-weighted sampling of the diffuse term.
     pub(crate) diffuse_share: f32,
 }
@@ -258,18 +277,26 @@ pub(crate) struct Shader {
 impl Shader {
     /// An empty one, to be aimed.
     pub(crate) fn new() -> Self {
-        Self { rho_d: Rgb::ZERO, lobes: Vec::new(), diffuse_share: 1.0 }
+        Self { rho_d: Rgb::ZERO, lobes: Vec::new(), microfacets: Vec::new(), wo: Vec3::Z, diffuse_share: 1.0 }
     }
 
     /// Takes a texel and an exitant direction (in the sample's frame, above the surface); with `sampling`, prepares
     /// [`Self::density`].
     pub(crate) fn aim(&mut self, materials: &Materials, texel: u32, wo: Vec3, sampling: bool) {
-        self.aim_lobes(materials.rho_d(texel), materials.lobes_of(texel), wo, sampling);
+        self.aim_lobes(materials.rho_d(texel), materials.lobes_of(texel), wo);
+        if let Some(coats) = materials.microfacets.get(&texel) {
+            self.microfacets.extend(coats.iter().map(|&coat| AimedMicrofacet { coat, share: 0.0 }));
+        }
+        if sampling {
+            self.share();
+        }
     }
 
-    /// As [`Self::aim`], with the coefficients of a texel.
-    pub(crate) fn aim_lobes(&mut self, rho_d: Rgb, lobes: &[PackedLobe], wo: Vec3, sampling: bool) {
+    /// Takes a diffuse term and lobes and an exitant direction, to be evaluated.
+    pub(crate) fn aim_lobes(&mut self, rho_d: Rgb, lobes: &[PackedLobe], wo: Vec3) {
         self.rho_d = rho_d;
+        self.wo = wo;
+        self.microfacets.clear();
         self.lobes.clear();
         for lobe in lobes {
             let [xx, xy, yy, zz] = lobe.c;
@@ -280,9 +307,6 @@ impl Shader {
                 let rho_s = Rgb::from_array(lobe.rho_s);
                 self.lobes.push(Aimed { peak, n: lobe.n, rho_s, least, share: 0.0, density: 0.0 });
             }
-        }
-        if sampling {
-            self.share();
         }
     }
 
@@ -304,6 +328,11 @@ impl Shader {
             lobe.density = 1.0 / (solid_angle * height);
             total += lobe.share;
         }
+        let grazing = (1.0 - self.wo.z).powi(5);
+        for AimedMicrofacet { coat, share } in &mut self.microfacets {
+            *share = colour::luminance(coat.f0 + (coat.f90 - coat.f0) * grazing);
+            total += *share;
+        }
         // A tenth of the samples at least go over the whole hemisphere, so that no direction is left out.
         let scale = if total > 0.0 { 0.9 / total } else { 0.0 };
         self.diffuse_share = 1.0;
@@ -311,6 +340,10 @@ impl Shader {
             lobe.share *= scale;
             lobe.density = if lobe.share > 0.0 { lobe.share * lobe.density } else { 0.0 };
             self.diffuse_share -= lobe.share;
+        }
+        for coat in &mut self.microfacets {
+            coat.share *= scale;
+            self.diffuse_share -= coat.share;
         }
     }
 
@@ -329,6 +362,12 @@ impl Shader {
                 let power = math::powf(base, lobe.n);
                 reflectance += lobe.rho_s * power;
                 density += lobe.density * power;
+            }
+        }
+        if wi.z > 0.0 {
+            for AimedMicrofacet { coat, share } in &self.microfacets {
+                reflectance += coat.eval(wi, self.wo);
+                density += share * coat.density(wi, self.wo);
             }
         }
         (reflectance, density)
@@ -370,6 +409,7 @@ mod tests {
         let mut shader = Shader::new();
         for name in materials::NAMES {
             let mut brdf = materials::published(name).unwrap();
+            brdf.microfacets = vec![Microfacet { f0: Rgb::splat(0.04), f90: Rgb::ONE, alpha: 0.3 }];
             brdf.lobes.iter_mut().for_each(|lobe| lobe.c.x *= 0.9);
             let brdf = brdf.rotated(0.4);
             scene.objects[0].material = Material::uniform(brdf.clone());

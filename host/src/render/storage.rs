@@ -137,6 +137,7 @@ impl Storage {
             rho_d: brdf.rho_d.map(through(Kind::Albedo)),
             beta: 2.0 * through(Kind::Beta)(half_tangent(brdf.beta)).atan(),
             lobes: brdf.lobes.iter().map(lobe).collect(),
+            ..LobeBrdf::default()
         }
     }
 
@@ -220,7 +221,7 @@ mod tests {
 
     fn lobe(cx: f32, cz: f32, n: f32) -> LobeBrdf {
         let lobe = Lobe { rho_s: Rgb::splat(0.3), c: Vec3::new(cx, cx, cz), n };
-        LobeBrdf { rho_d: Rgb::splat(0.1), beta: 0.0, lobes: vec![lobe] }
+        LobeBrdf { rho_d: Rgb::splat(0.1), beta: 0.0, lobes: vec![lobe], ..LobeBrdf::default() }
     }
 
     #[test]

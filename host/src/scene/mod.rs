@@ -267,6 +267,14 @@ impl Material {
         }
     }
 
+    /// Whether there is a microfacet term, which only the reference renders.
+    pub fn has_microfacets(&self) -> bool {
+        match &self.reflectance {
+            Reflectance::Uniform(brdf) => !brdf.microfacets.is_empty(),
+            Reflectance::Map(map) => !map.microfacets.is_empty(),
+        }
+    }
+
     /// Refuses coefficients that no renderer can evaluate.
     fn check_map(reflectance: &Reflectance) -> Result<()> {
         let number = |texel: usize, what: &str| Error::input(format!("material, texel {texel}: {what}"));
@@ -279,11 +287,18 @@ impl Material {
             }
             Ok(())
         };
+        let check_microfacet = |texel: usize, f0: Rgb, f90: Rgb, alpha: f32| {
+            if f0.is_finite() && f90.is_finite() && alpha.is_finite() && alpha > 0.0 {
+                return Ok(());
+            }
+            Err(number(texel, "a microfacet coefficient is not finite, or alpha is not above 0"))
+        };
         match reflectance {
             Reflectance::Uniform(brdf) => {
                 if !brdf.rho_d.is_finite() || !brdf.beta.is_finite() {
                     return Err(number(0, "a coefficient is not finite"));
                 }
+                brdf.microfacets.iter().try_for_each(|m| check_microfacet(0, m.f0, m.f90, m.alpha))?;
                 brdf.lobes.iter().try_for_each(|lobe| check_lobe(0, lobe.rho_s, lobe.c, lobe.n))
             }
             Reflectance::Map(map) => {
@@ -296,6 +311,9 @@ impl Material {
                     }
                     for plane in &map.lobes {
                         check_lobe(texel, plane.rho_s[texel], plane.c[texel], plane.n[texel])?;
+                    }
+                    for plane in &map.microfacets {
+                        check_microfacet(texel, plane.f0[texel], plane.f90[texel], plane.alpha[texel])?;
                     }
                 }
                 Ok(())

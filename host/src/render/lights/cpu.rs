@@ -71,7 +71,7 @@ impl Twin<'_> {
         let mut radiance = Rgb::ZERO;
         if self.settings.filtering == Filtering::Coefficients {
             let (rho_d, lobes) = self.interpolated(&taps);
-            shader.aim_lobes(rho_d, &lobes, wo, false);
+            shader.aim_lobes(rho_d, &lobes, wo);
             radiance += self.reflect(&surface, shader);
         } else {
             for (texel, weight) in taps {

@@ -28,7 +28,7 @@ fn lit(width: u32, height: u32) -> Scene {
 fn floor(width: u32, height: u32) -> Scene {
     let brdf = |rho_d: f32, c: Vec3, n: f32| {
         let lobe = Lobe { rho_s: Rgb::new(0.5, 0.4, 0.3), c, n };
-        LobeBrdf { rho_d: Rgb::splat(rho_d), beta: 0.0, lobes: vec![lobe] }
+        LobeBrdf { rho_d: Rgb::splat(rho_d), lobes: vec![lobe], ..LobeBrdf::default() }
     };
     let (gloss, satin) =
         (brdf(0.05, Vec3::new(-1.0, -1.0, 1.0), 60.0), brdf(0.2, Vec3::new(-1.1, -0.7, 0.8), 9.0));
