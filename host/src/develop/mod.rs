@@ -46,6 +46,10 @@ type DevelopedPose = (PoseGeometry, std::result::Result<Registration, String>, V
 pub fn run(folder: &Path) -> Result<Developed> {
     let photographs = Photographs::open(folder)?;
     let config = &photographs.run.rig;
+    if config.carrier.cylinder_radius_mm.is_some() {
+        let message = "the sample is bent over a cylinder (rig.toml: carrier.cylinder_radius_mm), only a flat one can be developed";
+        return Err(Error::input(format!("{}: {message}", folder.display())));
+    }
 
     let bar = progress::bar("developing", photographs.poses() as u64, "poses");
     let developed = (0..photographs.poses())
