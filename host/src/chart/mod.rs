@@ -11,6 +11,7 @@ use crate::error::{Error, Result};
 use crate::files;
 use crate::page::{self, html};
 
+mod device;
 pub mod fit;
 pub mod interpolation;
 pub mod plan;
