@@ -20,6 +20,8 @@ pub mod render;
 pub mod stability;
 pub mod storage;
 mod table;
+#[cfg(feature = "sim")]
+mod weave;
 
 pub use plot::{Axis, Plot, Series};
 pub use table::{Cell, Table};

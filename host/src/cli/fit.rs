@@ -97,8 +97,8 @@ pub(super) enum MethodName {
 /// Names of devices on the command line.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub(super) enum DeviceName {
-    /// The GPU if it is no software and fits the first chunk in less time than the CPU; the CPU for --chunks, whose parts may be fitted
-    /// on different machines
+    /// The GPU if there are 16,384 texels or more, it is no software, and it fits the middle chunk in less time than the CPU; the CPU for
+    /// --chunks, whose parts may be fitted on different machines
     Auto,
     /// The CPU, on as many threads as --threads
     Cpu,

@@ -29,6 +29,9 @@ use crate::sampled::{SampledSbrdf, SampledStore};
 use kernels::{Fit, Kernels, Samples, Texel, Uploaded};
 use search::Beam;
 
+/// Fewer texels are fitted before a GPU is opened and its pipelines are built.
+const LEAST_TEXELS: usize = 1 << 14;
+
 /// The GPU, opened when it is first asked for.
 fn shared() -> Result<&'static Kernels> {
     static KERNELS: OnceLock<std::result::Result<Kernels, String>> = OnceLock::new();
@@ -44,24 +47,27 @@ pub fn name() -> Result<String> {
     Ok(shared()?.gpu.name())
 }
 
-/// The device that fits a store faster: the GPU where there is one that is no software and fits the first chunk in less time than the CPU.
+/// The device that fits a store faster: the GPU where the store is large and there is a GPU that is no software and fits a chunk of the store
+/// in less time than the CPU.
 ///
 /// # Errors
-/// When the first chunk cannot be read.
+/// When that chunk cannot be read.
 pub fn faster(store: &SampledStore, options: &FitOptions) -> Result<Device> {
-    let worthwhile = options.method == Method::Separable && options.lobes > 0;
+    let large = store.width * store.height >= LEAST_TEXELS;
+    let worthwhile = large && options.method == Method::Separable && options.lobes > 0;
     let hardware = worthwhile && shared().is_ok_and(|kernels| !kernels.gpu.is_software());
-    let Some(window) = store.blocks().into_iter().next().filter(|_| hardware) else {
+    if !hardware {
         return Ok(Device::Cpu);
-    };
-    let chunk = store.read(&window)?;
-    let seconds = |device: Device| {
+    }
+    let windows = store.blocks();
+    let chunk = store.read(&windows[windows.len() / 2])?;
+    let time = |device: Device| {
         let start = Instant::now();
         super::fit_window(&chunk, &FitOptions { device, ..*options }, || ()).map(|_| start.elapsed())
     };
     // The first fit builds the pipelines.
-    let gpu = seconds(Device::Gpu).and_then(|_| seconds(Device::Gpu));
-    Ok(match (gpu, seconds(Device::Cpu)) {
+    let gpu = time(Device::Gpu).and_then(|_| time(Device::Gpu));
+    Ok(match (gpu, time(Device::Cpu)) {
         (Ok(gpu), Ok(cpu)) if gpu < cpu => Device::Gpu,
         _ => Device::Cpu,
     })

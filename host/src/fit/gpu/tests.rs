@@ -134,7 +134,8 @@ fn a_gpu_in_software_is_never_chosen_and_other_methods_are_refused() {
     assert!(error.exit_code() == 2 && error.to_string().contains("--device cpu"), "{error}");
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("s.zarr");
-    sampled(1, false).write_zarr(&path).unwrap();
+    let poses = synth::poses(4, 1);
+    SampledSbrdf::empty(128, 128, 1.0, poses).write_zarr(&path).unwrap();
     let store = SampledStore::open(&path).unwrap();
     let chosen = faster(&store, &FitOptions::default()).unwrap();
     if shared().map_or(true, |kernels| kernels.gpu.is_software()) {
