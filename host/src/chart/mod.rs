@@ -12,8 +12,10 @@ use crate::files;
 use crate::page::{self, html};
 
 mod device;
+mod filtering;
 pub mod fit;
 pub mod interpolation;
+pub mod lights;
 pub mod plan;
 mod plot;
 pub mod render;

@@ -4,6 +4,8 @@ use super::{Axis, Chart, Picture, Plot, Section, Series, Table};
 use crate::error::{Kind, Result};
 use crate::progress;
 use crate::render::compare::{Errors, compare};
+use crate::render::lights::Filtering;
+use crate::render::storage::Storage;
 use crate::render::{Renderer, Rendering, environment, lights, reference};
 use crate::scene::Scene;
 
@@ -48,7 +50,16 @@ fn settings(scene: &Scene, seed: u64) -> Vec<Setting> {
             add("environment", name.into(), Box::new(variant));
         }
     }
-    add("lights", "4 samples at edges".into(), Box::<lights::Settings>::default());
+    // Of every method the last setting is shown.
+    let base = lights::Settings::default();
+    for storage in [Storage::Bits8, Storage::Bits8Scaled, Storage::F16] {
+        let renderer = lights::Settings { storage, ..base };
+        add("lights", format!("{}, {}", base.filtering.name(), storage.name()), Box::new(renderer));
+    }
+    for filtering in Filtering::ALL {
+        let renderer = lights::Settings { filtering, ..base };
+        add("lights", filtering.name().into(), Box::new(renderer));
+    }
     all
 }
 

@@ -79,33 +79,41 @@ pub(super) fn section(seed: u64) -> Result<Section> {
         "weft, 95 % below, °",
         "weft, right way, %",
     ]);
-    let mut series: Vec<Series> = Vec::new();
-    for (fault, lobes) in Fault::ALL.into_iter().flat_map(|fault| [(fault, 1), (fault, 2)]) {
-        let plural = if lobes == 1 { "lobe" } else { "lobes" };
-        let mut points = [Vec::new(), Vec::new()];
-        for blur in BLURS {
-            let map = fitted(&weave.sampled(fault, blur, seed), lobes)?;
-            let found = Thread::ALL.map(|thread| weave.errors(&map, thread));
-            for (points, found) in points.iter_mut().zip(&found) {
-                points.push([blur, found.median_deg]);
+    let mut plots = Vec::new();
+    for fault in Fault::ALL {
+        let mut series = Vec::new();
+        for lobes in 1..=2 {
+            let mut points = [Vec::new(), Vec::new()];
+            for blur in BLURS {
+                let map = fitted(&weave.sampled(fault, blur, seed), lobes)?;
+                let found = Thread::ALL.map(|thread| weave.errors(&map, thread));
+                for (points, found) in points.iter_mut().zip(&found) {
+                    points.push([blur, found.median_deg]);
+                }
+                let [warp, weft] = &found;
+                table.row([
+                    fault.name().into(),
+                    blur.into(),
+                    lobes.into(),
+                    warp.median_deg.into(),
+                    warp.most_deg.into(),
+                    (100.0 * warp.right).into(),
+                    weft.median_deg.into(),
+                    weft.most_deg.into(),
+                    (100.0 * weft.right).into(),
+                ]);
             }
-            let [warp, weft] = &found;
-            table.row([
-                fault.name().into(),
-                blur.into(),
-                lobes.into(),
-                warp.median_deg.into(),
-                warp.most_deg.into(),
-                (100.0 * warp.right).into(),
-                weft.median_deg.into(),
-                weft.most_deg.into(),
-                (100.0 * weft.right).into(),
-            ]);
+            let plural = if lobes == 1 { "lobe" } else { "lobes" };
+            for (thread, points) in Thread::ALL.into_iter().zip(points) {
+                series.push(Series::new(format!("{}, {lobes} {plural}", thread.name()), points));
+            }
         }
-        for (thread, points) in Thread::ALL.into_iter().zip(points) {
-            series
-                .push(Series::new(format!("{}, {lobes} {plural}, {}", fault.name(), thread.name()), points));
-        }
+        plots.push(Plot {
+            title: format!("Photographs {}: median error of β", fault.name()),
+            x: Axis::linear("registration blur, texels"),
+            y: Axis::log("median error, °"),
+            series,
+        });
     }
     Ok(Section {
         title: "Direction of anisotropy on a measured weave by registration blur".into(),
@@ -113,12 +121,7 @@ pub(super) fn section(seed: u64) -> Result<Section> {
             "The cloth of examples/cloth.toml, its threads {THREAD} texels wide and brightest at {BETA_DEG}° and at a right angle to that, {0} × {0} texels, planned, photographed at {1} poses, developed and fitted by the simulated rig with all its faults. Photographs are blurred, every pose alike, or misplaced, each by another normally distributed distance along x and along y; blur is the standard deviation. Error: that of β modulo 90° against the simulator's truth, median over the texels of a thread. A thread is seen the right way where the stronger axis of its brightest lobe lies within 45° of the truth.",
             extents.texels, extents.poses
         ),
-        plots: vec![Plot {
-            title: "Median error of β by registration blur".into(),
-            x: Axis::linear("registration blur, texels"),
-            y: Axis::log("median error, °"),
-            series,
-        }],
+        plots,
         tables: vec![table],
         ..Section::default()
     })

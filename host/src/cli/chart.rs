@@ -33,8 +33,17 @@ enum What {
     },
     /// Coefficients in fewer bits: f16 and 8 bits against f32
     Storage,
-    /// Interpolated coefficients against interpolated reflectance, between texels and in MIP levels
+    /// Interpolated coefficients against interpolated reflectance, between texels and in MIP levels; filters of textures in pictures
     Interpolation,
+    /// Frames per second of `lights` by lobes, lights, pixels, filter and storage; needs a GPU
+    Lights {
+        /// The scene, a file or a shipped one; its materials and lights are replaced
+        #[arg(default_value = "gallery")]
+        scene: PathBuf,
+        /// Frames a measurement
+        #[arg(long, default_value_t = 8, value_parser = clap::value_parser!(u32).range(1..=10_000))]
+        frames: u32,
+    },
     /// Time against error of every renderer and setting, judged by the reference
     Render {
         /// Scenes, files or shipped ones; all shipped ones when none is named
@@ -63,8 +72,12 @@ pub(super) fn run(args: &ChartArgs, context: &mut Context) -> Result<()> {
             };
             context.report.stage("chart", || chart::plan::chart(&config, seed))?
         }
-        What::Storage => context.report.stage("chart", || chart::storage::chart(seed)),
-        What::Interpolation => context.report.stage("chart", chart::interpolation::chart),
+        What::Storage => context.report.stage("chart", || chart::storage::chart(seed))?,
+        What::Interpolation => context.report.stage("chart", chart::interpolation::chart)?,
+        What::Lights { scene, frames } => {
+            let scene = Scene::open(scene)?;
+            context.report.stage("chart", || chart::lights::chart(&scene, *frames))?
+        }
         What::Render { scenes, samples, width } => {
             let scenes = open(scenes, *width)?;
             context.report.stage("chart", || chart::render::chart(&scenes, *samples, seed))?

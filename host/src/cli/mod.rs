@@ -170,7 +170,7 @@ fn run(cli: Cli) -> Result<()> {
     let seed = given_seed.unwrap_or(1);
     let report_of_run = Report::new(cli.command.name(), seed);
     let mut context = Context { seed, given_seed, quiet, verbose, report: report_of_run };
-    match cli.command {
+    let outcome = match cli.command {
         #[cfg(feature = "sim")]
         Command::Demo(args) => demo::run(&args, &mut context),
         Command::Plan(args) => plan::run(&args, &mut context),
@@ -189,12 +189,14 @@ fn run(cli: Cli) -> Result<()> {
             clap_complete::generate(shell, &mut Cli::command(), "lobelia", &mut std::io::stdout());
             Ok(())
         }
-    }?;
+    };
     if let Some(path) = report {
+        context.report.failure = outcome.as_ref().err().map(ToString::to_string);
         context.report.finish();
-        context.report.write(&path)?;
+        let written = context.report.write(&path);
+        return outcome.and(written);
     }
-    Ok(())
+    outcome
 }
 
 #[cfg(test)]

@@ -7,6 +7,8 @@ use super::Context;
 use crate::error::{Error, Result};
 use crate::fit::figures::ErrorFigure;
 use crate::render::compare::{Errors, compare};
+use crate::render::lights::{self, Filtering};
+use crate::render::storage::Storage;
 use crate::render::{self, Cost, Method, Picture, PictureKind, Rendering, reference};
 use crate::report::Stage;
 use crate::scene::{Camera, Scene};
@@ -14,7 +16,7 @@ use crate::scene::{Camera, Scene};
 /// Render a scene of SBRDF materials.
 #[derive(Debug, clap::Args)]
 pub(super) struct RenderArgs {
-    /// The scene: a .toml file, or one that is shipped: studio-ball, sky-drape, lamps, window, metal-row
+    /// The scene: a .toml file, or one that is shipped: studio-ball, sky-drape, lamps, window, metal-row, gallery
     pub(super) scene: PathBuf,
     /// Where the picture goes: .exr is linear, .png is tone-mapped. May be given more than once. A name with # (frame-##.png)
     /// takes every frame of the scene's animation
@@ -23,7 +25,8 @@ pub(super) struct RenderArgs {
     /// How to render.
     #[arg(long, value_enum, default_value_t = Method::Auto)]
     pub(super) method: Method,
-    /// Samples a pixel of the reference [default: 64, or as many as --seconds and --max-error need]
+    /// Samples a pixel: of the reference [default: 64, or as many as --seconds and --max-error need], of lights at edges [default: 4,
+    /// or the most below that the GPU can]
     #[arg(long, value_parser = clap::value_parser!(u32).range(1..=1_048_576))]
     pub(super) samples: Option<u32>,
     /// Seconds that the reference may take at most
@@ -41,6 +44,8 @@ pub(super) struct RenderArgs {
     /// A reference picture of the same view: RMSE, relative RMSE and FLIP against it are told and reported
     #[arg(long, value_name = "FILE.exr")]
     pub(super) against: Option<PathBuf>,
+    #[command(flatten)]
+    pub(super) lights: LightsArgs,
     /// Pixels a row, instead of the scene's; rows follow
     #[arg(long)]
     pub(super) width: Option<u32>,
@@ -49,7 +54,47 @@ pub(super) struct RenderArgs {
     pub(super) height: Option<u32>,
 }
 
+/// What only `--method lights` takes.
+#[derive(Debug, Default, clap::Args)]
+#[command(next_help_heading = "Options of --method lights")]
+pub(super) struct LightsArgs {
+    /// What a pixel takes of a texture that is smaller than it should be [default: shaded]
+    #[arg(long, value_enum)]
+    filter: Option<Filtering>,
+    /// Samples of a texture along an axis of the pixel at most; along the longer one with MIP levels [default: 16]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=256))]
+    anisotropy: Option<u32>,
+    /// How coefficients are stored on the GPU [default: f32]
+    #[arg(long, value_enum)]
+    storage: Option<Storage>,
+    /// Leaves shadows out
+    #[arg(long)]
+    no_shadows: bool,
+}
+
 impl RenderArgs {
+    /// What `lights` is to do.
+    ///
+    /// # Errors
+    /// An input error for options of `lights` with another method.
+    fn lights(&self) -> Result<lights::Settings> {
+        let LightsArgs { filter, anisotropy, storage, no_shadows } = self.lights;
+        let given = filter.is_some() || anisotropy.is_some() || storage.is_some() || no_shadows;
+        if given && self.method != Method::Lights {
+            return Err(Error::input(
+                "--filter, --anisotropy, --storage and --no-shadows go with --method lights",
+            ));
+        }
+        let base = lights::Settings::default();
+        Ok(lights::Settings {
+            samples: self.samples.unwrap_or(base.samples),
+            filtering: filter.unwrap_or(base.filtering),
+            anisotropy: anisotropy.unwrap_or(base.anisotropy),
+            storage: storage.unwrap_or(base.storage),
+            shadows: !no_shadows,
+        })
+    }
+
     /// What the reference is to do.
     fn settings(&self, seed: u64) -> reference::Settings {
         let budget = self.seconds.is_some() || self.max_error.is_some();
@@ -146,6 +191,7 @@ fn render_scene(args: &RenderArgs, seed: u64) -> Result<RenderOutcome> {
     {
         return Err(Error::input(format!("{}: a variance image's name ends in .exr", path.display())));
     }
+    let lights = args.lights()?;
     let start = Instant::now();
     let mut scene = Scene::open(&args.scene)?;
     let keys = scene.animation.iter_mut().flat_map(|animation| &mut animation.keys);
@@ -162,7 +208,7 @@ fn render_scene(args: &RenderArgs, seed: u64) -> Result<RenderOutcome> {
     let against = args.against.as_deref().map(Picture::read_exr).transpose()?;
     let loaded = start.elapsed().as_secs_f64();
 
-    let chosen = render::prepare(&scene, args.method, &args.settings(seed))?;
+    let chosen = render::prepare(&scene, args.method, &args.settings(seed), &lights)?;
     let mut outcome = None;
     let (mut cost, mut write_seconds) = (Cost::default(), 0.0);
     for (camera, paths) in &views {
@@ -253,6 +299,7 @@ mod tests {
             bounces: 4,
             variance: None,
             against: None,
+            lights: LightsArgs::default(),
             width: Some(32),
             height: None,
         }
@@ -304,6 +351,20 @@ mod tests {
         let outcome = render_scene(&args, 1).unwrap();
         assert_eq!((outcome.written.len(), outcome.rendering.picture.height), (24, 6));
         assert!(folder.path().join("f-00.png").exists() && folder.path().join("f-23.png").exists());
+    }
+
+    #[test]
+    fn options_of_lights_go_with_no_other_method() {
+        let folder = tempfile::tempdir().unwrap();
+        let mut args = args(folder.path(), Method::Auto, &["a.png"]);
+        args.lights.storage = Some(Storage::Bits8);
+        assert_eq!(render_scene(&args, 1).unwrap_err().exit_code(), 2);
+        args.method = Method::Lights;
+        let lights = args.lights().unwrap();
+        assert_eq!(
+            (lights.storage, lights.filtering, lights.shadows),
+            (Storage::Bits8, Filtering::Shaded, true)
+        );
     }
 
     #[test]

@@ -48,7 +48,7 @@ pub fn render(
             let adapter = rendering.adapter.clone().unwrap_or_default();
             let milliseconds = 1e3 * rendering.cost.render_seconds;
             let caption = format!(
-                "The same objects under the two lights alone, without shadows: raster on {adapter}, {milliseconds:.0} ms."
+                "The same objects under the two lights alone: raster on {adapter}, {milliseconds:.0} ms."
             );
             report.machine.gpu = rendering.adapter.clone();
             pictures.push(finish("lights", caption, &rendering, &scene, folder)?);

@@ -7,6 +7,7 @@
 
 pub mod albedo;
 pub mod chunks;
+pub mod coat;
 pub mod diffuse;
 pub mod evaluate;
 pub mod figures;

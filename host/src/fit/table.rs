@@ -1,6 +1,8 @@
 //! Fits one measured table, wavelength by wavelength with lobes of its own each, and says how well it predicts held-out rows.
 //!
-//! Tables of paint are isotropic: Cx = Cy and β = 0.
+//! Tables of paint are isotropic: Cx = Cy and β = 0. Beside lobes a microfacet term can be fitted, and the data can choose ([`choice`]).
+
+mod choice;
 
 use rayon::prelude::*;
 
@@ -12,10 +14,29 @@ use super::samples::{Samples, Target};
 use super::start::{Effort, Problem, Search};
 use super::{Method, PERCENTILE, Residual, diffuse, evaluate, line_search};
 use crate::error::{Error, Result};
-use crate::reflectance::{LobeBrdf, MeasuredTable, Rgb};
+use crate::progress;
+use crate::reflectance::{LobeBrdf, MeasuredTable, Microfacet, Rgb};
 
 /// Rows whose incidence is this near a held-out angle are left out, degrees.
 pub const HOLD_OUT_WIDTH_DEG: f64 = 0.5;
+
+/// What a fit of a table may change.
+const FREEDOM: Freedom = Freedom { isotropic: true, diffuse: true };
+
+/// A model's size.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Size {
+    /// Lobes; black ones stay in the model.
+    pub lobes: usize,
+    /// Whether there is a microfacet term.
+    pub microfacet: bool,
+}
+
+impl std::fmt::Display for Size {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "{}{}", self.lobes, if self.microfacet { " + GGX" } else { "" })
+    }
+}
 
 /// How a table is fitted.
 #[derive(Debug, Clone, PartialEq)]
@@ -48,8 +69,10 @@ pub struct Errors {
 pub struct WavelengthFit {
     /// Wavelength, nm.
     pub wavelength_nm: f64,
-    /// Lobes that were asked for; black ones stay in the model.
-    pub lobes: usize,
+    /// The model's size.
+    pub size: Size,
+    /// Whether it is the one to take for this wavelength: the one asked for, or the choice of the data.
+    pub chosen: bool,
     /// The lobes.
     pub model: Model,
     /// Cost and convergence.
@@ -60,21 +83,28 @@ pub struct WavelengthFit {
     pub held_out: Option<Errors>,
     /// Cost over the best cost of the random starts.
     pub start_ratio: Option<f64>,
+    /// Squared errors of the training rows, each predicted without its incidence; empty where there is no choice.
+    left_out: Vec<f64>,
 }
 
 /// The rows of a table that a fit sees and those that it does not.
 struct Split {
     training: Samples,
     held_out: Samples,
+    /// Incidences of the training rows, degrees.
+    theta_deg: Vec<f64>,
 }
 
 fn split(table: &MeasuredTable, values: &[f64], hold_out_theta_deg: &[f64]) -> Split {
-    let mut split = Split { training: Samples::default(), held_out: Samples::default() };
+    let mut split = Split { training: Samples::default(), held_out: Samples::default(), theta_deg: vec![] };
     for (row, &value) in table.rows.iter().zip(values) {
         let theta = row.theta_i.to_degrees();
         let held = hold_out_theta_deg.iter().any(|held| (held - theta).abs() <= HOLD_OUT_WIDTH_DEG);
         let side = if held { &mut split.held_out } else { &mut split.training };
         side.push_value(row.wi(), row.wo(), value, 1.0);
+        if split.training.len() > split.theta_deg.len() {
+            split.theta_deg.push(theta);
+        }
     }
     split
 }
@@ -89,31 +119,58 @@ fn errors(samples: &Samples, model: &Model) -> Errors {
     }
 }
 
-/// Fits a table at every wavelength with every number of lobes, in parallel; sorted by wavelength as given, then by lobes.
+/// Which of the sizes is to be taken.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Take {
+    /// This one.
+    Size(Size),
+    /// For every wavelength the one that predicts left-out incidences best.
+    Choose,
+}
+
+/// Fits a table at every wavelength with every size, in parallel; sorted by wavelength as given, then by size as given.
 ///
 /// # Errors
 /// Input errors: a wavelength outside the table, nothing left to fit or nothing held out at an angle that was asked for.
 pub fn fit(
     table: &MeasuredTable,
     wavelengths_nm: &[f64],
-    lobes: &[usize],
+    sizes: &[Size],
+    take: Take,
     options: &TableOptions,
 ) -> Result<Vec<WavelengthFit>> {
-    check(table, lobes, options)?;
+    check(table, sizes, options)?;
     let mut cases = Vec::new();
     for &wavelength_nm in wavelengths_nm {
         let values = table.at_wavelength(wavelength_nm).map_err(|error| Error::input(error.to_string()))?;
-        cases.extend(lobes.iter().map(|&lobes| (wavelength_nm, values.clone(), lobes)));
+        cases.extend(sizes.iter().map(|&size| (wavelength_nm, values.clone(), size)));
     }
-    Ok(cases
+    let bar = progress::bar("fitting", cases.len() as u64, "fits");
+    let mut fits: Vec<WavelengthFit> = cases
         .into_par_iter()
-        .map(|(wavelength_nm, values, lobes)| one(table, wavelength_nm, &values, lobes, options))
-        .collect())
+        .with_max_len(1)
+        .map(|(wavelength_nm, values, size)| {
+            let mut fit = one(table, wavelength_nm, &values, size, options, take == Take::Choose);
+            fit.chosen = take == Take::Size(size);
+            bar.advance(1);
+            fit
+        })
+        .collect();
+    if take == Take::Choose {
+        for fits in fits.chunks_mut(sizes.len().max(1)) {
+            let place = choice::chosen(&fits.iter().collect::<Vec<_>>());
+            fits[place].chosen = true;
+        }
+    }
+    Ok(fits)
 }
 
-fn check(table: &MeasuredTable, lobes: &[usize], options: &TableOptions) -> Result<()> {
-    for &lobes in lobes {
-        super::FitOptions { lobes, method: options.method, ..Default::default() }.check()?;
+fn check(table: &MeasuredTable, sizes: &[Size], options: &TableOptions) -> Result<()> {
+    for size in sizes {
+        super::FitOptions { lobes: size.lobes, method: options.method, ..Default::default() }.check()?;
+        if size.microfacet && options.method == Method::LineSearch {
+            return Err(Error::input("the line search fits no microfacet term; use --method lm"));
+        }
     }
     let near = |row: &crate::reflectance::table::TableRow, held: f64| {
         (row.theta_i.to_degrees() - held).abs() <= HOLD_OUT_WIDTH_DEG
@@ -135,24 +192,30 @@ fn one(
     table: &MeasuredTable,
     wavelength_nm: f64,
     values: &[f64],
-    lobes: usize,
+    size: Size,
     options: &TableOptions,
+    judged: bool,
 ) -> WavelengthFit {
-    let Split { training, held_out } = split(table, values, &options.hold_out_theta_deg);
+    let Size { lobes, microfacet } = size;
+    let Split { training, held_out, theta_deg } = split(table, values, &options.hold_out_theta_deg);
     let mut target = Target::default();
     target.set(&training, training.value.iter().copied(), options.residual);
     let mut optimiser = Optimiser::default();
-    let freedom = Freedom { isotropic: true, diffuse: true };
-    let problem = Problem { samples: &training, target: &target, freedom, fixed_diffuse: 0.0 };
+    let problem = Problem { samples: &training, target: &target, freedom: FREEDOM, fixed_diffuse: 0.0 };
     let mut start_ratio = None;
     let (model, outcome) = if options.method == Method::LineSearch && lobes > 0 {
         let rho_d = diffuse::percentile(&mut training.value.clone(), PERCENTILE);
-        let model = line_search::fit(&training, &target, rho_d, freedom);
+        let model = line_search::fit(&training, &target, rho_d, FREEDOM);
         let cost = optimiser.evaluate(&training, &target, &model);
         (model, Outcome { cost, iterations: 0, converged: true })
     } else {
-        let found = Search::default().best(&mut optimiser, &problem, lobes, Effort::TABLE);
-        if options.random_starts > 0 {
+        let mut search = Search::default();
+        let found = if microfacet {
+            search.best_coated(&mut optimiser, &problem, lobes, Effort::TABLE)
+        } else {
+            search.best(&mut optimiser, &problem, lobes, Effort::TABLE)
+        };
+        if options.random_starts > 0 && !microfacet {
             let mut random = Random::new(options.seed);
             let limits = Effort::TABLE.limits;
             let best =
@@ -161,9 +224,16 @@ fn one(
         }
         found
     };
+    let left_out = if judged {
+        choice::left_out(&training, &choice::folds(&theta_deg), &target, &model)
+    } else {
+        Vec::new()
+    };
     WavelengthFit {
         wavelength_nm,
-        lobes,
+        size,
+        chosen: false,
+        left_out,
         training: errors(&training, &model),
         held_out: (!held_out.is_empty()).then(|| errors(&held_out, &model)),
         model,
@@ -172,18 +242,31 @@ fn one(
     }
 }
 
-/// The BRDF of three fits for red, green and blue: every lobe is seen in its own channel only.
+/// The BRDF of three fits for red, green and blue: every term is seen in its own channel only.
 pub fn brdf(red_green_blue: [&WavelengthFit; 3]) -> LobeBrdf {
     let mut brdf = LobeBrdf::default();
-    for (channel, fit) in red_green_blue.into_iter().enumerate() {
-        brdf.rho_d[channel] = fit.model.diffuse as f32;
-        for lobe in fit.model.lobes.iter().filter(|lobe| lobe.amplitude > 0.0) {
-            let mut rho_s = Rgb::ZERO;
-            rho_s[channel] = lobe.amplitude as f32;
-            brdf.lobes.push(lobe.to_lobe(rho_s));
-        }
+    for (fit, colour) in red_green_blue.into_iter().zip([Rgb::X, Rgb::Y, Rgb::Z]) {
+        add(&mut brdf, fit, colour);
     }
     brdf
+}
+
+/// The BRDF of one fit for all channels.
+pub fn grey(fit: &WavelengthFit) -> LobeBrdf {
+    let mut brdf = LobeBrdf::default();
+    add(&mut brdf, fit, Rgb::ONE);
+    brdf
+}
+
+/// Adds a fit's terms in a colour.
+fn add(brdf: &mut LobeBrdf, fit: &WavelengthFit, colour: Rgb) {
+    brdf.rho_d += fit.model.diffuse as f32 * colour;
+    let lobes = fit.model.lobes.iter().filter(|lobe| lobe.amplitude > 0.0);
+    brdf.lobes.extend(lobes.map(|lobe| lobe.to_lobe(lobe.amplitude as f32 * colour)));
+    if let Some(coat) = fit.model.coat {
+        let (f0, f90) = (coat.f0 as f32 * colour, coat.f90 as f32 * colour);
+        brdf.microfacets.push(Microfacet { f0, f90, alpha: coat.alpha as f32 });
+    }
 }
 
 /// The figures of a list of fits, as reports hold them.
@@ -193,7 +276,9 @@ pub fn figures(fits: &[WavelengthFit], options: &TableOptions) -> Vec<ErrorFigur
         let mut add = |name: &str, value: f64, over: String| {
             figures.push(
                 ErrorFigure::new(name, value, "1", over)
-                    .with("lobes", fit.lobes)
+                    .with("lobes", fit.size.lobes)
+                    .with("microfacet", fit.size.microfacet)
+                    .with("chosen", fit.chosen)
                     .with("wavelength_nm", fit.wavelength_nm)
                     .with("method", options.method.name())
                     .with("residual", options.residual.name()),
@@ -231,10 +316,14 @@ mod tests {
         }
     }
 
+    const ZERO: Size = Size { lobes: 0, microfacet: false };
+    const ONE: Size = Size { lobes: 1, microfacet: false };
+    const TWO: Size = Size { lobes: 2, microfacet: false };
+
     /// A table of a known material with one lobe at incidences 10° … 70°.
     fn table() -> MeasuredTable {
         let lobe = Lobe { rho_s: Rgb::splat(0.8), c: Vec3::new(-0.95, -0.95, 0.9), n: 30.0 };
-        let truth = LobeBrdf { rho_d: Rgb::splat(0.05), beta: 0.0, lobes: vec![lobe] };
+        let truth = LobeBrdf { rho_d: Rgb::splat(0.05), beta: 0.0, lobes: vec![lobe], ..LobeBrdf::default() };
         let mut rows = Vec::new();
         for (i, o, p) in (1..8)
             .flat_map(|i| (0..8).flat_map(move |o| (0..9).map(move |p| (f64::from(i), f64::from(o), p))))
@@ -251,10 +340,10 @@ mod tests {
 
     #[test]
     fn a_table_of_one_lobe_is_recovered_and_predicts_the_held_out_incidence() {
-        let fits = fit(&table(), &[400.0, 500.0, 600.0], &[0, 1], &options()).unwrap();
+        let fits = fit(&table(), &[400.0, 500.0, 600.0], &[ZERO, ONE], Take::Size(ONE), &options()).unwrap();
         assert_eq!(fits.len(), 6);
         let one = &fits[3];
-        assert_eq!((one.wavelength_nm, one.lobes), (500.0, 1));
+        assert_eq!((one.wavelength_nm, one.size, one.chosen), (500.0, ONE, true));
         let held_out = one.held_out.unwrap();
         assert_eq!(held_out.rows, 72);
         assert!(held_out.log_rms < 1e-3 && held_out.relative_l2 < 1e-3, "{one:?}");
@@ -266,6 +355,27 @@ mod tests {
         assert_eq!(figures.iter().filter(|figure| figure.name == "held_out_log_rms").count(), 6);
         let json = serde_json::to_value(&figures[0]).unwrap();
         assert_eq!(json["wavelength_nm"], 400.0);
+    }
+
+    #[test]
+    fn the_data_choose_a_lobe_or_a_coat_over_it() {
+        let sizes =
+            [false, true].map(|microfacet| [0, 1, 2].map(|lobes| Size { lobes, microfacet })).concat();
+        let chosen = |table: &MeasuredTable| {
+            let fits = fit(table, &[400.0], &sizes, Take::Choose, &options()).unwrap();
+            fits.into_iter().find(|fit| fit.chosen).unwrap()
+        };
+        let mut table = table();
+        assert_eq!(chosen(&table).size, ONE);
+        let coat = Microfacet { f0: Rgb::splat(0.04), f90: Rgb::ONE, alpha: 0.15 };
+        for row in &mut table.rows {
+            row.values[0] += f64::from(coat.eval(row.wi().as_vec3(), row.wo().as_vec3()).x);
+        }
+        let coated = chosen(&table);
+        assert_eq!(coated.size, Size { lobes: 1, microfacet: true }, "{coated:?}");
+        let found = coated.model.coat.unwrap();
+        assert!((found.alpha - 0.15).abs() < 1e-3 && (found.f0 - 0.04).abs() < 1e-3, "{found:?}");
+        assert!((found.f90 - 1.0).abs() < 0.02 && coated.held_out.unwrap().log_rms < 1e-2);
     }
 
     #[test]
@@ -282,7 +392,9 @@ mod tests {
             random_starts: 16,
             ..options()
         };
-        let fits = fit(&MeasuredTable::read(&path).unwrap(), &[650.0], &[1, 2], &options).unwrap();
+        let fits =
+            fit(&MeasuredTable::read(&path).unwrap(), &[650.0], &[ONE, TWO], Take::Size(ONE), &options)
+                .unwrap();
         for fit in &fits {
             assert!(fit.start_ratio.unwrap() < 1.02, "{fit:?}");
         }
@@ -293,7 +405,7 @@ mod tests {
     fn held_out_angles_that_leave_nothing_are_refused() {
         let refused = |angles: Vec<f64>, wavelength: f64| {
             let options = TableOptions { hold_out_theta_deg: angles, ..options() };
-            fit(&table(), &[wavelength], &[1], &options).unwrap_err().to_string()
+            fit(&table(), &[wavelength], &[ONE], Take::Size(ONE), &options).unwrap_err().to_string()
         };
         assert!(refused(vec![35.0], 400.0).contains("held-out 35°"));
         assert!(refused((1..8).map(|i| f64::from(i) * 10.0).collect(), 400.0).contains("nothing is left"));

@@ -1,6 +1,7 @@
 //! A scene's triangles in the world, with the tree that finds the one a ray hits and the frame at that point.
 
 use std::ops::Range;
+use std::sync::Arc;
 use std::time::Duration;
 
 use glam::{Affine3A, Mat3A, Vec2, Vec3, Vec3A};
@@ -10,7 +11,7 @@ use obvhs::ray::{Ray, RayHit};
 use obvhs::rt_triangle::RtTriangle;
 use obvhs::triangle::Triangle;
 
-use crate::scene::{Light, Mesh, Scene, Vertex, shapes};
+use crate::scene::{Light, Mask, Mesh, Object, Scene, Vertex, shapes};
 
 /// The least cosine between the shading normal and the view: a normal that points away from the viewer is bent to it,
 /// else the rims of smooth meshes turn black.
@@ -25,7 +26,11 @@ pub(crate) struct Geometry {
     bvh: CwBvh,
     /// Triangles in the tree's order, ready to intersect.
     leaves: Vec<RtTriangle>,
-    /// Length by which rays are kept off the surface that they start from, relative to coordinates.
+    /// What is cut out of the objects, with the repeats of the texture.
+    masks: Vec<Option<(Arc<Mask>, Vec2)>>,
+    /// Whether anything is.
+    masked: bool,
+    /// Length by which rays are kept off the surface that they start from.
     offset: f32,
 }
 
@@ -108,16 +113,59 @@ impl Geometry {
         let bvh = build_cwbvh_from_tris(&triangles, BvhBuildParams::slow_build(), &mut Duration::default());
         let leaves =
             bvh.primitive_indices.iter().map(|&i| RtTriangle::from(&triangles[i as usize])).collect();
-        let (low, high) = joined.bounds();
-        let extent = if joined.vertices.is_empty() { 0.0 } else { low.abs().max(high.abs()).max_element() };
+        let mask = |object: &Object| Some((object.material.mask.clone()?, object.material.tiling));
+        let mut masks: Vec<_> = scene.objects.iter().map(mask).collect();
+        masks.resize_with(runs.len(), || None);
         Self {
+            offset: offset(&joined),
+            masked: masks.iter().any(Option::is_some),
+            masks,
             vertices: joined.vertices,
             triangles: joined.triangles,
             objects,
             bvh,
             leaves,
-            offset: extent.max(f32::MIN_POSITIVE) * 2e-5,
         }
+    }
+
+    /// Distance along a ray to a triangle of the tree, infinity for a miss and where the material is cut out.
+    #[inline]
+    fn distance(&self, ray: &Ray, leaf: usize) -> f32 {
+        let distance = intersect(&self.leaves[leaf], ray);
+        if self.masked && distance < f32::INFINITY && self.is_cut_out(ray, leaf, distance) {
+            return f32::INFINITY;
+        }
+        distance
+    }
+
+    /// Whether the material is cut out where a ray meets a triangle of the tree.
+    fn is_cut_out(&self, ray: &Ray, leaf: usize, distance: f32) -> bool {
+        let triangle = self.bvh.primitive_indices[leaf];
+        let Some((mask, tiling)) = &self.masks[self.objects[triangle as usize] as usize] else {
+            return false;
+        };
+        let point = Vec3::from(ray.origin + ray.direction * distance);
+        !mask.solid(self.uv(triangle, point) * *tiling)
+    }
+
+    /// The corners of a triangle.
+    fn corners(&self, triangle: u32) -> [&Vertex; 3] {
+        self.triangles[triangle as usize].map(|i| &self.vertices[i as usize])
+    }
+
+    /// Texture coordinates at a point of a triangle's plane.
+    fn uv(&self, triangle: u32, point: Vec3) -> Vec2 {
+        let corners = self.corners(triangle);
+        let [wb, wc] = barycentric(corners.map(|vertex| vertex.position), point);
+        corners[0].uv * (1.0 - wb - wc) + corners[1].uv * wb + corners[2].uv * wc
+    }
+
+    /// Texture coordinates where another ray meets the plane of the triangle that was hit.
+    pub(crate) fn uv_along(&self, hit: &Hit, origin: Vec3, direction: Vec3) -> Vec2 {
+        let [a, b, c] = self.corners(hit.triangle).map(|vertex| vertex.position);
+        let normal = (b - a).cross(c - a);
+        let distance = (a - origin).dot(normal) / direction.dot(normal);
+        self.uv(hit.triangle, origin + direction * distance)
     }
 
     /// The nearest triangle along a ray of unit direction.
@@ -128,7 +176,7 @@ impl Geometry {
         let mut hit = RayHit::none();
         let ray = Ray::new_inf(origin.into(), direction.into());
         self.bvh
-            .ray_traverse(ray, &mut hit, |ray, id| intersect(&self.leaves[id], ray))
+            .ray_traverse(ray, &mut hit, |ray, id| self.distance(ray, id))
             .then(|| Hit { triangle: self.bvh.primitive_indices[hit.primitive_id as usize], distance: hit.t })
     }
 
@@ -162,22 +210,19 @@ impl Geometry {
     pub(crate) fn occluded(&self, surface: &Surface, direction: Vec3, distance: f32) -> bool {
         let reach = distance - 3.0 * self.offset - distance.min(f32::MAX) * 1e-5;
         let ray = Ray::new(self.leaving(surface).into(), direction.into(), 0.0, reach);
-        !self.bvh.ray_traverse_miss(ray, |ray, id| intersect(&self.leaves[id], ray))
+        !self.bvh.ray_traverse_miss(ray, |ray, id| self.distance(ray, id))
     }
 
     /// The surface at a hit, seen from the ray's origin. Surfaces have two sides with the same material.
     pub(crate) fn surface(&self, hit: &Hit, origin: Vec3, direction: Vec3) -> Surface {
-        let corners = self.triangles[hit.triangle as usize].map(|i| &self.vertices[i as usize]);
+        let corners = self.corners(hit.triangle);
         let [a, b, c] = corners.map(|v| v.position);
         let (ab, ac) = (b - a, c - a);
         let cross = ab.cross(ac);
         let along = origin + direction * hit.distance;
 
-        // Barycentric coordinates of the point; they also pull it back onto the triangle's plane.
-        let to = along - a;
-        let area = cross.length_squared().max(f32::MIN_POSITIVE);
-        let wb = (to.cross(ac).dot(cross) / area).clamp(0.0, 1.0);
-        let wc = (ab.cross(to).dot(cross) / area).clamp(0.0, 1.0);
+        // These also pull the point back onto the triangle's plane.
+        let [wb, wc] = barycentric([a, b, c], along).map(|weight| weight.clamp(0.0, 1.0));
         let weights = [(1.0 - wb - wc).max(0.0), wb, wc];
         let blend = |value: fn(&Vertex) -> Vec3| -> Vec3 {
             value(corners[0]) * weights[0] + value(corners[1]) * weights[1] + value(corners[2]) * weights[2]
@@ -209,6 +254,21 @@ impl Geometry {
             object: self.objects[hit.triangle as usize],
         }
     }
+}
+
+/// Length by which rays are kept off the surfaces of a mesh.
+pub(crate) fn offset(mesh: &Mesh) -> f32 {
+    let (low, high) = mesh.bounds();
+    let extent = if mesh.vertices.is_empty() { 0.0 } else { low.abs().max(high.abs()).max_element() };
+    extent.max(f32::MIN_POSITIVE) * 2e-5
+}
+
+/// The second and the third barycentric coordinate of a point of a triangle's plane.
+fn barycentric([a, b, c]: [Vec3; 3], point: Vec3) -> [f32; 2] {
+    let (ab, ac, to) = (b - a, c - a, point - a);
+    let cross = ab.cross(ac);
+    let area = cross.length_squared().max(f32::MIN_POSITIVE);
+    [to.cross(ac).dot(cross) / area, ab.cross(to).dot(cross) / area]
 }
 
 /// Distance along the ray, infinity for a miss. Unlike obvhs's own test this one counts edges (−0.0 too) as inside, with
@@ -287,5 +347,22 @@ mod tests {
         assert!(surface.frame[2].dot(Vec3::NEG_X) > 0.99);
         assert!(geometry.occluded(&surface, Vec3::NEG_X, f32::INFINITY));
         assert!(!geometry.occluded(&surface, Vec3::NEG_X, 1.5));
+    }
+
+    #[test]
+    fn rays_pass_where_the_material_is_cut_out() {
+        let mut scene = sphere_scene();
+        // Two repeats around the sphere, the first half of each there: u = 0 at +z, growing to the east.
+        let mask = Mask::from_alpha(2, 1, [1.0, 0.0]);
+        (scene.objects[0].material.mask, scene.objects[0].material.tiling) =
+            (Some(mask.into()), Vec2::new(2.0, 1.0));
+        let geometry = Geometry::new(&scene);
+        let toward = |degrees: f32| Vec3::new(degrees.to_radians().sin(), 0.0, degrees.to_radians().cos());
+        for (degrees, solid) in [(45.0, true), (135.0, false), (225.0, true), (315.0, false)] {
+            assert_eq!(geometry.nearest(Vec3::ZERO, toward(degrees)).is_some(), solid, "{degrees}");
+        }
+        // From outside at the hole at 135° the far wall at 315° is open too.
+        let hit = geometry.nearest(toward(135.0) * 3.0, -toward(135.0));
+        assert!(hit.is_none(), "{hit:?}");
     }
 }

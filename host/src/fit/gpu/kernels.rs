@@ -58,9 +58,9 @@ impl Fit {
     pub(super) fn model(&self, lobes: usize) -> Model {
         let lobe = |lobe: &Vec4| ModelLobe::unit(lobe.truncate().as_dvec3(), f64::from(lobe.w));
         Model {
-            diffuse: 0.0,
             beta: f64::from(self.beta),
             lobes: self.lobes[..lobes].iter().map(lobe).collect(),
+            ..Model::default()
         }
     }
 }

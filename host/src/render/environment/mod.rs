@@ -58,6 +58,7 @@ impl Default for Settings {
 impl Renderer for Settings {
     fn prepare<'a>(&self, scene: &'a Scene) -> Result<Box<dyn Prepared + 'a>> {
         scene.check()?;
+        super::lobes_only(scene, "environment")?;
         if self.samples == 0 {
             return Err(Error::input("samples is 0; use 1 or more"));
         }

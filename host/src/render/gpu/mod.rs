@@ -201,6 +201,15 @@ impl Gpu {
         Ok(view.chunks_exact(16).map(bytemuck::pod_read_unaligned).collect())
     }
 
+    /// Waits until all work that was submitted is done.
+    ///
+    /// # Errors
+    /// A failure when the device is lost.
+    pub(crate) fn wait(&self) -> Result<()> {
+        let done = self.device.poll(wgpu::PollType::wait_indefinitely());
+        done.map(drop).map_err(|error| fault("its work cannot be waited for", error))
+    }
+
     /// Waits for a buffer that is to be read.
     fn mapped(&self, buffer: &wgpu::Buffer) -> Result<wgpu::BufferView> {
         let (sender, receiver) = std::sync::mpsc::channel();
@@ -208,9 +217,7 @@ impl Gpu {
             // The receiver is gone only when the wait below has failed, which is told already.
             let _ = sender.send(result);
         });
-        self.device
-            .poll(wgpu::PollType::wait_indefinitely())
-            .map_err(|error| fault("its work cannot be waited for", error))?;
+        self.wait()?;
         // Another thread that waits for its own work may be the one that calls back.
         match receiver.recv() {
             Ok(Ok(())) => {}

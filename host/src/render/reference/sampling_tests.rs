@@ -7,7 +7,7 @@ use glam::Vec3;
 
 use super::environment::Sampled;
 use super::{lobes, rectangle};
-use crate::reflectance::{Lobe, LobeBrdf, Rgb, materials};
+use crate::reflectance::{Lobe, LobeBrdf, Microfacet, Rgb, materials};
 use crate::render::materials::{Materials, Shader};
 use crate::render::sampler::hash;
 use crate::scene::{Environment, Material, showcase};
@@ -90,13 +90,20 @@ fn expected(shader: &Shader) -> Vec<f64> {
 #[test]
 fn lobes_are_sampled_with_their_density() {
     let lobe = |c: [f32; 3], n: f32| Lobe { rho_s: Rgb::splat(0.3), c: Vec3::from_array(c), n };
-    let with = |lobes: Vec<Lobe>| LobeBrdf { rho_d: Rgb::splat(0.05), beta: 0.5, lobes };
+    let with =
+        |lobes: Vec<Lobe>| LobeBrdf { rho_d: Rgb::splat(0.05), beta: 0.5, lobes, ..LobeBrdf::default() };
+    let coated = |alpha: f32| LobeBrdf {
+        microfacets: vec![Microfacet { f0: Rgb::splat(0.5), f90: Rgb::ONE, alpha }],
+        ..with(vec![lobe([-1.0, -1.0, 1.0], 10.0)])
+    };
     let brdfs = [
         LobeBrdf::diffuse(Rgb::splat(0.5)),
         with(vec![lobe([-1.0, -1.0, 1.0], 30.0)]),
         with(vec![lobe([-1.1, -0.4, 0.7], 12.0)]),
         with(vec![lobe([0.8, 0.6, 0.9], 5.0), lobe([-1.0, 0.9, 0.2], 2.0)]),
         with(vec![lobe([-1.0, -1.0, 1.0], 100.0), lobe([-1.0, -1.0, 0.3], 0.5)]),
+        coated(0.15),
+        coated(0.6),
         materials::published("clay").unwrap(),
         materials::published("blue-paint").unwrap(),
         materials::published("primer").unwrap(),
