@@ -11,6 +11,7 @@ pub mod coat;
 pub mod diffuse;
 pub mod evaluate;
 pub mod figures;
+pub mod gpu;
 pub mod line_search;
 pub mod linear;
 pub mod lm;
@@ -72,6 +73,16 @@ impl Method {
             Self::LineSearch => "line search",
         }
     }
+}
+
+/// What fits.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Device {
+    /// The CPU, in f64.
+    #[default]
+    Cpu,
+    /// The GPU, in f32, finished in f64 ([`gpu`]); the separable method alone.
+    Gpu,
 }
 
 /// Where ρ_d comes from.
@@ -189,6 +200,8 @@ pub struct FitOptions {
     pub diffuse: Diffuse,
     /// Scale of comparison.
     pub residual: Residual,
+    /// What fits.
+    pub device: Device,
 }
 
 impl Default for FitOptions {
@@ -201,6 +214,7 @@ impl Default for FitOptions {
             separate_channels: false,
             diffuse: Diffuse::Joint,
             residual: Residual::Proportional,
+            device: Device::Cpu,
         }
     }
 }
@@ -228,6 +242,12 @@ impl FitOptions {
             return Err(Error::input(format!(
                 "the separable fit needs a residual that is linear in f, which {} is not; use --method lm",
                 self.residual.name()
+            )));
+        }
+        if self.device == Device::Gpu && self.method != Method::Separable {
+            return Err(Error::input(format!(
+                "the GPU does the separable fit alone, not {}; use --device cpu",
+                self.method.name()
             )));
         }
         if self.choose && self.method != Method::Separable {
@@ -258,7 +278,7 @@ impl FitOptions {
 pub fn fit_sbrdf(sampled: &SampledSbrdf, options: &FitOptions) -> Result<SbrdfMap> {
     options.check()?;
     let bar = progress::bar("fitting", sampled.texels() as u64, "texels");
-    let map = fit_window(sampled, options, || bar.advance(1));
+    let map = fit_window(sampled, options, || bar.advance(1))?;
     has_samples(&map)?;
     Ok(map)
 }
@@ -272,12 +292,13 @@ fn has_samples(map: &SbrdfMap) -> Result<()> {
 }
 
 /// As [`fit_sbrdf`] with options that are checked, for a window that may be without any sample; `done` is called a texel.
-fn fit_window(sampled: &SampledSbrdf, options: &FitOptions, done: impl Fn() + Sync) -> SbrdfMap {
+fn fit_window(sampled: &SampledSbrdf, options: &FitOptions, done: impl Fn() + Sync) -> Result<SbrdfMap> {
     let fits = match options.method {
+        Method::Separable if options.device == Device::Gpu => gpu::fit(sampled, options, &done)?,
         Method::Separable => fit_blocks(sampled, options, &done),
         Method::Lm | Method::LineSearch => fit_texels(sampled, options, &done),
     };
-    map_of(sampled, options, &fits)
+    Ok(map_of(sampled, options, &fits))
 }
 
 /// Texel by texel.
@@ -414,6 +435,9 @@ fn map_of(sampled: &SampledSbrdf, options: &FitOptions, fits: &[TexelFit]) -> Sb
         ("texel_mm", sampled.texel_mm.to_string()),
     ] {
         map.attributes.insert(key.into(), value);
+    }
+    if options.device == Device::Gpu {
+        map.attributes.insert("fit.device".into(), "gpu".into());
     }
     map
 }
