@@ -54,6 +54,10 @@ pub(super) struct FitArgs {
     /// Take the diffuse term from this percentile of a texel's samples instead of fitting it with the lobes
     #[arg(long, value_name = "PERCENT")]
     pub(super) diffuse_percentile: Option<f64>,
+    /// Fit texels or wavelengths that reflect more than they receive from some direction again, so that they do not: directional
+    /// albedo at most 1 at incidences from 0° to 89°. What that costs is printed and reported
+    #[arg(long)]
+    pub(super) conserve_energy: bool,
     /// Wavelengths of a table to fit, nm; three of them can be written as red, green and blue, the longest as red. Without it 450, 550
     /// and 650, or the one of a table that has no other
     #[arg(long, value_delimiter = ',', value_name = "NM,…")]
@@ -266,6 +270,7 @@ fn fit_sampled(args: &FitArgs, input: &Path) -> Result<FitOutcome> {
         diffuse: args.diffuse_percentile.map_or(Diffuse::Joint, Diffuse::Percentile),
         residual,
         device: if args.device == DeviceName::Gpu { Device::Gpu } else { Device::Cpu },
+        conserve_energy: args.conserve_energy,
     };
     options.check()?;
     let store = SampledStore::open(input)?;
@@ -294,7 +299,7 @@ fn fit_sampled(args: &FitArgs, input: &Path) -> Result<FitOutcome> {
         "{texels} texels × {poses} poses, {} by {}{device}: {seconds:.1} s\n{}",
         lobes_in_words(&map, &options),
         options.method.name(),
-        outcome.residuals()
+        outcome.residuals() + &energy_in_words(&map)
     ))?;
     Ok(outcome)
 }
@@ -313,6 +318,25 @@ fn lobes_in_words(map: &SbrdfMap, options: &FitOptions) -> String {
     let shares: Vec<String> =
         (0..=most).map(|count| format!("{count} {} in {:.0} %", word(count), share(count))).collect();
     shares.join(", ")
+}
+
+/// How many texels were held to an albedo of 1, and at what price; empty where that was not asked for.
+fn energy_in_words(map: &SbrdfMap) -> String {
+    let Some((held, median)) = energy_price(map) else { return String::new() };
+    let texels = map.width * map.height;
+    format!(
+        "albedo held to 1 in {held} of {texels} texels, at a median price of {:.2} % of the samples' RMS there\n",
+        100.0 * median
+    )
+}
+
+/// The texels that were changed so that they make no energy, and the median rise of their relative residual.
+fn energy_price(map: &SbrdfMap) -> Option<(usize, f64)> {
+    let (prices, held) = (map.extra.get("error.energy_price")?, map.extra.get("energy_held")?);
+    let mut prices: Vec<f32> =
+        prices.iter().zip(held).filter(|pair| *pair.1 > 0.0).map(|pair| *pair.0).collect();
+    prices.sort_by(f32::total_cmp);
+    Some((prices.len(), prices.get(prices.len() / 2).map_or(0.0, |&price| f64::from(price))))
 }
 
 impl FitOutcome {
@@ -351,6 +375,11 @@ fn sampled_outcome(map: &SbrdfMap, seconds: f64) -> FitOutcome {
             };
         }
         outcome.errors.push(figure);
+    }
+    if let Some((held, median)) = energy_price(map) {
+        let over = format!("{held} texels held to an albedo of 1");
+        outcome.errors.push(ErrorFigure::new("energy_price_median", median, "1", over));
+        outcome.figures.insert("texels_held".into(), held.into());
     }
     outcome.figures.insert("texels".into(), texels.into());
     outcome.figures.insert("texels_without_samples".into(), (texels - relative.len()).into());
@@ -489,6 +518,37 @@ mod tests {
         assert!(unknown.exit_code() == 2 && unknown.to_string().contains("paint.csv"));
         let no_output = fit_input(&parsed(&["a.zarr"]), 1).unwrap_err();
         assert!(no_output.to_string().contains("-o FILE.exr"));
+    }
+
+    #[test]
+    fn brushed_metal_is_held_to_what_arrives_and_the_price_is_reported() {
+        let folder = tempfile::tempdir().unwrap();
+        let (input, output) = (folder.path().join("s.zarr"), folder.path().join("m.exr"));
+        let metal = crate::reflectance::materials::published("brushed-metal").unwrap();
+        let options = crate::synth::Options {
+            width: 2,
+            height: 1,
+            texel_mm: 0.5,
+            poses: 150,
+            noise: 0.0,
+            relative_noise: 0.0,
+            seed: 3,
+        };
+        let eval = |wi, wo| crate::reflectance::Brdf::eval(&metal, wi, wo);
+        crate::synth::sample(&options, |_, _, wi, wo| eval(wi, wo)).write_zarr(&input).unwrap();
+        let arguments =
+            [input.to_str().unwrap(), "-o", output.to_str().unwrap(), "--lobes", "3", "--separate-channels"];
+        let albedo = || {
+            let map = SbrdfMap::read_exr(&output).unwrap();
+            crate::reflectance::albedo::largest(&map.texel(1)).max_element()
+        };
+        fit_input(&parsed(&arguments), 1).unwrap();
+        assert!(albedo() > 1.1, "{}", albedo());
+        let outcome = fit_input(&parsed(&[&arguments[..], &["--conserve-energy"]].concat()), 1).unwrap();
+        assert!(albedo() <= 1.0 + crate::fit::conserve::TOLERANCE, "{}", albedo());
+        let price = outcome.errors.iter().find(|error| error.name == "energy_price_median").unwrap();
+        assert!(price.value > 0.0 && price.value < 0.5, "{price:?}");
+        assert!(outcome.figures["texels_held"].as_u64().unwrap() >= 1);
     }
 
     #[test]

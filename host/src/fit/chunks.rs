@@ -356,6 +356,7 @@ mod tests {
         diffuse: crate::fit::Diffuse::Joint,
         residual: crate::fit::Residual::Proportional,
         device: crate::fit::Device::Cpu,
+        conserve_energy: false,
     };
 
     /// A store of six blocks and the shards of its fit in `count` parts.

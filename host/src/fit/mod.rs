@@ -8,6 +8,7 @@
 pub mod albedo;
 pub mod chunks;
 pub mod coat;
+pub mod conserve;
 pub mod diffuse;
 pub mod evaluate;
 pub mod figures;
@@ -202,6 +203,8 @@ pub struct FitOptions {
     pub residual: Residual,
     /// What fits.
     pub device: Device,
+    /// Whether texels with a directional albedo above 1 are fitted again so that they have none ([`conserve`]).
+    pub conserve_energy: bool,
 }
 
 impl Default for FitOptions {
@@ -215,6 +218,7 @@ impl Default for FitOptions {
             diffuse: Diffuse::Joint,
             residual: Residual::Proportional,
             device: Device::Cpu,
+            conserve_energy: false,
         }
     }
 }
@@ -271,7 +275,8 @@ impl FitOptions {
 }
 
 /// Fits every texel in parallel. Beside the coefficients the map has the planes `error.rms` (sr⁻¹), `error.relative` and
-/// `samples` (valid ones a texel), and after the separable fit a standard deviation a coefficient, `sigma.rho_d.R` and so on. The result is the same byte for byte whatever the number of threads.
+/// `samples` (valid ones a texel), and after the separable fit a standard deviation a coefficient, `sigma.rho_d.R` and so on. Where energy is to be conserved, `energy_held` marks the texels
+/// that were changed for it (their standard deviations are 0: unknown) and `error.energy_price` says by how much `error.relative` rose. The result is the same byte for byte whatever the number of threads.
 ///
 /// # Errors
 /// Input errors: options that no method can do, or not one valid sample in any texel.
@@ -293,12 +298,26 @@ fn has_samples(map: &SbrdfMap) -> Result<()> {
 
 /// As [`fit_sbrdf`] with options that are checked, for a window that may be without any sample; `done` is called a texel.
 fn fit_window(sampled: &SampledSbrdf, options: &FitOptions, done: impl Fn() + Sync) -> Result<SbrdfMap> {
-    let fits = match options.method {
+    let mut fits = match options.method {
         Method::Separable if options.device == Device::Gpu => gpu::fit(sampled, options, &done)?,
         Method::Separable => fit_blocks(sampled, options, &done),
         Method::Lm | Method::LineSearch => fit_texels(sampled, options, &done),
     };
-    Ok(map_of(sampled, options, &fits))
+    let free: Vec<f64> = fits.iter().map(|fit| fit.relative).collect();
+    if options.conserve_energy {
+        fits.par_iter_mut().enumerate().for_each_init(samples::Samples::default, |samples, (index, fit)| {
+            load(samples, sampled, index);
+            texel::hold(fit, samples, options);
+        });
+    }
+    let mut map = map_of(sampled, options, &fits);
+    if options.conserve_energy {
+        let price = |(fit, free): (&TexelFit, &f64)| (fit.relative - free) as f32;
+        map.extra.insert("error.energy_price".into(), fits.iter().zip(&free).map(price).collect());
+        let held = |fit: &TexelFit| f32::from(u8::from(fit.held));
+        map.extra.insert("energy_held".into(), fits.iter().map(held).collect());
+    }
+    Ok(map)
 }
 
 /// Texel by texel.
@@ -432,6 +451,7 @@ fn map_of(sampled: &SampledSbrdf, options: &FitOptions, fits: &[TexelFit]) -> Sb
         ("fit.residual", options.residual.name().to_string()),
         ("fit.diffuse", diffuse),
         ("fit.isotropic", options.isotropic.to_string()),
+        ("fit.conserve_energy", options.conserve_energy.to_string()),
         ("texel_mm", sampled.texel_mm.to_string()),
     ] {
         map.attributes.insert(key.into(), value);

@@ -160,7 +160,7 @@ impl Workspace {
         }
         let rms = (error / (3 * valid).max(1) as f64).sqrt();
         let relative = if whole > 0.0 { (error / whole).sqrt() } else { 0.0 };
-        TexelFit { brdf, rms, relative, samples: valid, sigma: Some(sigma) }
+        TexelFit { brdf, rms, relative, samples: valid, sigma: Some(sigma), held: false }
     }
 
     /// Weights the samples that were read for fitting `channels` together; what is then to be done.
