@@ -12,7 +12,7 @@ use clap::{Args, ValueEnum};
 use crate::error::{Error, Result};
 use crate::fit::chunks::{self, Part};
 use crate::fit::figures::ErrorFigure;
-use crate::fit::{Diffuse, FitOptions, MOST_LOBES, Method, Residual, mip};
+use crate::fit::{Device, Diffuse, FitOptions, MOST_LOBES, Method, Residual, gpu, mip};
 use crate::reflectance::SbrdfMap;
 use crate::sampled::SampledStore;
 
@@ -41,6 +41,10 @@ pub(super) struct FitArgs {
     /// The scale on which fitted and measured values are compared; `auto` is proportional for texels, balanced for tables
     #[arg(long, value_enum, default_value_t = ResidualName::Auto)]
     pub(super) residual: ResidualName,
+    /// What fits a sampled SBRDF. Both find the same lobes but for rounding; only the CPU gives the same bytes on every machine. The GPU does the
+    /// separable method
+    #[arg(long, value_enum, default_value_t = DeviceName::Auto)]
+    pub(super) device: DeviceName,
     /// Isotropic lobes only: Cx = Cy, no direction of anisotropy. Tables are always fitted so
     #[arg(long)]
     pub(super) isotropic: bool,
@@ -106,6 +110,18 @@ pub(super) enum MethodName {
     LineSearch,
     /// Levenberg–Marquardt over shapes and albedos, on luminance, then colours
     Lm,
+}
+
+/// Names of devices on the command line.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub(super) enum DeviceName {
+    /// The GPU if there are 16,384 texels or more, it is no software, and it fits the middle chunk in less time than the CPU; the CPU for
+    /// --chunks, whose parts may be fitted on different machines
+    Auto,
+    /// The CPU, on as many threads as --threads
+    Cpu,
+    /// The GPU, also one in software
+    Gpu,
 }
 
 /// Names of residuals on the command line.
@@ -245,7 +261,7 @@ fn fit_sampled(args: &FitArgs, input: &Path) -> Result<FitOutcome> {
     let residual = args.residual(FitOptions::default().residual);
     let method = args.method(residual);
     let (lobes, choose) = args.texel_lobes(method);
-    let options = FitOptions {
+    let mut options = FitOptions {
         lobes,
         choose,
         method,
@@ -253,10 +269,14 @@ fn fit_sampled(args: &FitArgs, input: &Path) -> Result<FitOutcome> {
         separate_channels: args.separate_channels,
         diffuse: args.diffuse_percentile.map_or(Diffuse::Joint, Diffuse::Percentile),
         residual,
+        device: if args.device == DeviceName::Gpu { Device::Gpu } else { Device::Cpu },
         conserve_energy: args.conserve_energy,
     };
     options.check()?;
     let store = SampledStore::open(input)?;
+    if args.device == DeviceName::Auto && args.chunks.is_none() {
+        options.device = gpu::faster(&store, &options)?;
+    }
     if let Some(part) = args.chunks {
         return parts::fit(&store, &options, part, output);
     }
@@ -271,8 +291,12 @@ fn fit_sampled(args: &FitArgs, input: &Path) -> Result<FitOutcome> {
     }
     let outcome = sampled_outcome(&map, seconds);
     let (texels, poses) = (store.width * store.height, store.poses.len());
+    let device = match options.device {
+        Device::Cpu => String::new(),
+        Device::Gpu => format!(" on {}", gpu::name()?),
+    };
     print(&format!(
-        "{texels} texels × {poses} poses, {} by {}: {seconds:.1} s\n{}",
+        "{texels} texels × {poses} poses, {} by {}{device}: {seconds:.1} s\n{}",
         lobes_in_words(&map, &options),
         options.method.name(),
         outcome.residuals() + &energy_in_words(&map)

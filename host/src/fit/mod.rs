@@ -12,6 +12,7 @@ pub mod conserve;
 pub mod diffuse;
 pub mod evaluate;
 pub mod figures;
+pub mod gpu;
 pub mod line_search;
 pub mod linear;
 pub mod lm;
@@ -73,6 +74,16 @@ impl Method {
             Self::LineSearch => "line search",
         }
     }
+}
+
+/// What fits.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Device {
+    /// The CPU, in f64.
+    #[default]
+    Cpu,
+    /// The GPU, in f32, finished in f64 ([`gpu`]); the separable method alone.
+    Gpu,
 }
 
 /// Where ρ_d comes from.
@@ -190,6 +201,8 @@ pub struct FitOptions {
     pub diffuse: Diffuse,
     /// Scale of comparison.
     pub residual: Residual,
+    /// What fits.
+    pub device: Device,
     /// Whether texels with a directional albedo above 1 are fitted again so that they have none ([`conserve`]).
     pub conserve_energy: bool,
 }
@@ -204,6 +217,7 @@ impl Default for FitOptions {
             separate_channels: false,
             diffuse: Diffuse::Joint,
             residual: Residual::Proportional,
+            device: Device::Cpu,
             conserve_energy: false,
         }
     }
@@ -232,6 +246,12 @@ impl FitOptions {
             return Err(Error::input(format!(
                 "the separable fit needs a residual that is linear in f, which {} is not; use --method lm",
                 self.residual.name()
+            )));
+        }
+        if self.device == Device::Gpu && self.method != Method::Separable {
+            return Err(Error::input(format!(
+                "the GPU does the separable fit alone, not {}; use --device cpu",
+                self.method.name()
             )));
         }
         if self.choose && self.method != Method::Separable {
@@ -263,7 +283,7 @@ impl FitOptions {
 pub fn fit_sbrdf(sampled: &SampledSbrdf, options: &FitOptions) -> Result<SbrdfMap> {
     options.check()?;
     let bar = progress::bar("fitting", sampled.texels() as u64, "texels");
-    let map = fit_window(sampled, options, || bar.advance(1));
+    let map = fit_window(sampled, options, || bar.advance(1))?;
     has_samples(&map)?;
     Ok(map)
 }
@@ -277,8 +297,9 @@ fn has_samples(map: &SbrdfMap) -> Result<()> {
 }
 
 /// As [`fit_sbrdf`] with options that are checked, for a window that may be without any sample; `done` is called a texel.
-fn fit_window(sampled: &SampledSbrdf, options: &FitOptions, done: impl Fn() + Sync) -> SbrdfMap {
+fn fit_window(sampled: &SampledSbrdf, options: &FitOptions, done: impl Fn() + Sync) -> Result<SbrdfMap> {
     let mut fits = match options.method {
+        Method::Separable if options.device == Device::Gpu => gpu::fit(sampled, options, &done)?,
         Method::Separable => fit_blocks(sampled, options, &done),
         Method::Lm | Method::LineSearch => fit_texels(sampled, options, &done),
     };
@@ -296,7 +317,7 @@ fn fit_window(sampled: &SampledSbrdf, options: &FitOptions, done: impl Fn() + Sy
         let held = |fit: &TexelFit| f32::from(u8::from(fit.held));
         map.extra.insert("energy_held".into(), fits.iter().map(held).collect());
     }
-    map
+    Ok(map)
 }
 
 /// Texel by texel.
@@ -434,6 +455,9 @@ fn map_of(sampled: &SampledSbrdf, options: &FitOptions, fits: &[TexelFit]) -> Sb
         ("texel_mm", sampled.texel_mm.to_string()),
     ] {
         map.attributes.insert(key.into(), value);
+    }
+    if options.device == Device::Gpu {
+        map.attributes.insert("fit.device".into(), "gpu".into());
     }
     map
 }

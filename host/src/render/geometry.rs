@@ -2,15 +2,11 @@
 
 use std::ops::Range;
 use std::sync::Arc;
-use std::time::Duration;
 
 use glam::{Affine3A, Mat3A, Vec2, Vec3, Vec3A};
-use obvhs::BvhBuildParams;
-use obvhs::cwbvh::{CwBvh, builder::build_cwbvh_from_tris};
-use obvhs::ray::{Ray, RayHit};
-use obvhs::rt_triangle::RtTriangle;
 use obvhs::triangle::Triangle;
 
+use super::bvh::Bvh;
 use crate::scene::{Light, Mask, Mesh, Object, Scene, Vertex, shapes};
 
 /// The least cosine between the shading normal and the view: a normal that points away from the viewer is bent to it,
@@ -23,9 +19,7 @@ pub(crate) struct Geometry {
     triangles: Vec<[u32; 3]>,
     /// Object a triangle; rectangular lights come after the scene's objects.
     objects: Vec<u32>,
-    bvh: CwBvh,
-    /// Triangles in the tree's order, ready to intersect.
-    leaves: Vec<RtTriangle>,
+    bvh: Bvh,
     /// What is cut out of the objects, with the repeats of the texture.
     masks: Vec<Option<(Arc<Mask>, Vec2)>>,
     /// Whether anything is.
@@ -110,9 +104,6 @@ impl Geometry {
             .iter()
             .map(|&[a, b, c]| Triangle { v0: corner(a), v1: corner(b), v2: corner(c) })
             .collect();
-        let bvh = build_cwbvh_from_tris(&triangles, BvhBuildParams::slow_build(), &mut Duration::default());
-        let leaves =
-            bvh.primitive_indices.iter().map(|&i| RtTriangle::from(&triangles[i as usize])).collect();
         let mask = |object: &Object| Some((object.material.mask.clone()?, object.material.tiling));
         let mut masks: Vec<_> = scene.objects.iter().map(mask).collect();
         masks.resize_with(runs.len(), || None);
@@ -123,29 +114,18 @@ impl Geometry {
             vertices: joined.vertices,
             triangles: joined.triangles,
             objects,
-            bvh,
-            leaves,
+            bvh: Bvh::new(&triangles),
         }
     }
 
-    /// Distance along a ray to a triangle of the tree, infinity for a miss and where the material is cut out.
+    /// Whether a triangle stops a ray at a point, and is not cut out there.
     #[inline]
-    fn distance(&self, ray: &Ray, leaf: usize) -> f32 {
-        let distance = intersect(&self.leaves[leaf], ray);
-        if self.masked && distance < f32::INFINITY && self.is_cut_out(ray, leaf, distance) {
-            return f32::INFINITY;
+    fn solid(&self, triangle: u32, point: impl FnOnce() -> Vec3) -> bool {
+        if !self.masked {
+            return true;
         }
-        distance
-    }
-
-    /// Whether the material is cut out where a ray meets a triangle of the tree.
-    fn is_cut_out(&self, ray: &Ray, leaf: usize, distance: f32) -> bool {
-        let triangle = self.bvh.primitive_indices[leaf];
-        let Some((mask, tiling)) = &self.masks[self.objects[triangle as usize] as usize] else {
-            return false;
-        };
-        let point = Vec3::from(ray.origin + ray.direction * distance);
-        !mask.solid(self.uv(triangle, point) * *tiling)
+        let Some((mask, tiling)) = &self.masks[self.objects[triangle as usize] as usize] else { return true };
+        mask.solid(self.uv(triangle, point()) * *tiling)
     }
 
     /// The corners of a triangle.
@@ -170,14 +150,11 @@ impl Geometry {
 
     /// The nearest triangle along a ray of unit direction.
     pub(crate) fn nearest(&self, origin: Vec3, direction: Vec3) -> Option<Hit> {
-        if self.leaves.is_empty() {
-            return None;
-        }
-        let mut hit = RayHit::none();
-        let ray = Ray::new_inf(origin.into(), direction.into());
         self.bvh
-            .ray_traverse(ray, &mut hit, |ray, id| self.distance(ray, id))
-            .then(|| Hit { triangle: self.bvh.primitive_indices[hit.primitive_id as usize], distance: hit.t })
+            .nearest(origin, direction, |triangle, distance| {
+                self.solid(triangle, || origin + direction * distance)
+            })
+            .map(|(triangle, distance)| Hit { triangle, distance })
     }
 
     /// Where rays that leave a surface start.
@@ -201,16 +178,16 @@ impl Geometry {
         size_of_val(&self.vertices[..])
             + size_of_val(&self.triangles[..])
             + size_of_val(&self.objects[..])
-            + size_of_val(&self.leaves[..])
-            + size_of_val(&self.bvh.nodes[..])
-            + size_of_val(&self.bvh.primitive_indices[..])
+            + self.bvh.bytes()
     }
 
     /// Whether anything lies between a surface point and just before `distance` along a unit direction.
     pub(crate) fn occluded(&self, surface: &Surface, direction: Vec3, distance: f32) -> bool {
         let reach = distance - 3.0 * self.offset - distance.min(f32::MAX) * 1e-5;
-        let ray = Ray::new(self.leaving(surface).into(), direction.into(), 0.0, reach);
-        !self.bvh.ray_traverse_miss(ray, |ray, id| self.distance(ray, id))
+        let origin = self.leaving(surface);
+        self.bvh.any(origin, direction, reach, |triangle, distance| {
+            self.solid(triangle, || origin + direction * distance)
+        })
     }
 
     /// The surface at a hit, seen from the ray's origin. Surfaces have two sides with the same material.
@@ -269,26 +246,6 @@ fn barycentric([a, b, c]: [Vec3; 3], point: Vec3) -> [f32; 2] {
     let cross = ab.cross(ac);
     let area = cross.length_squared().max(f32::MIN_POSITIVE);
     [to.cross(ac).dot(cross) / area, ab.cross(to).dot(cross) / area]
-}
-
-/// Distance along the ray, infinity for a miss. Unlike obvhs's own test this one counts edges (−0.0 too) as inside, with
-/// a margin of rounding, so that no ray slips between two triangles.
-#[inline]
-fn intersect(triangle: &RtTriangle, ray: &Ray) -> f32 {
-    const MARGIN: f32 = -1e-6;
-    let c = triangle.v0 - ray.origin;
-    let r = ray.direction.cross(c);
-    let inverse = 1.0 / triangle.ng.dot(ray.direction);
-    let u = r.dot(triangle.e2) * inverse;
-    let v = r.dot(triangle.e1) * inverse;
-    // A ray in the triangle's plane makes these NaN or infinite, which is a miss.
-    if u >= MARGIN && v >= MARGIN && u + v <= 1.0 - MARGIN {
-        let t = triangle.ng.dot(c) * inverse;
-        if t >= ray.tmin && t <= ray.tmax {
-            return t;
-        }
-    }
-    f32::INFINITY
 }
 
 /// The sample's axes from interpolated vectors: normal (on the viewer's side), tangent, and the sign of y. The shader in

@@ -149,13 +149,16 @@ impl Materials {
         material.around(0, x, y)
     }
 
+    /// The texel of an object that has no other.
+    pub(crate) fn only(&self, object: u32) -> Option<u32> {
+        let material = &self.materials[object as usize];
+        (material.width * material.height == 1).then_some(material.first)
+    }
+
     /// One of the neighbours, chosen with its weight as probability by two numbers in 0..1: the mean of evaluated
     /// reflectance over such choices is the blend of the four.
     pub(crate) fn choose(&self, object: u32, uv: Vec2, [r, s]: [f32; 2]) -> u32 {
         let material = &self.materials[object as usize];
-        if material.width * material.height == 1 {
-            return material.first;
-        }
         let (mut x, mut y) = texel_coordinates(material, uv);
         if material.bilinear != 0 {
             (x, y) = (x + r - 0.5, y + s - 0.5);

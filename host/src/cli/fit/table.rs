@@ -4,7 +4,7 @@ use std::fmt::Write as _;
 use std::path::Path;
 use std::time::Instant;
 
-use super::{AUTO_LOBES, FitArgs, FitOutcome, Lobes, MethodName, ModelName, print, write_map};
+use super::{AUTO_LOBES, DeviceName, FitArgs, FitOutcome, Lobes, MethodName, ModelName, print, write_map};
 use crate::error::{Error, Result};
 use crate::fit::table::{self, Size, TableOptions, Take, WavelengthFit};
 use crate::fit::{Method, Residual};
@@ -19,6 +19,9 @@ const MOST_BESIDE: usize = 3;
 pub(super) fn fit(args: &FitArgs, input: &Path, seed: u64) -> Result<FitOutcome> {
     if args.chunks.is_some() || args.mip {
         return Err(Error::input("--chunks and --mip are for sampled SBRDFs (.zarr)"));
+    }
+    if args.device == DeviceName::Gpu {
+        return Err(Error::input("--device gpu is for sampled SBRDFs (.zarr); tables are fitted on the CPU"));
     }
     if args.diffuse_percentile.is_some() || args.separate_channels {
         return Err(Error::input(

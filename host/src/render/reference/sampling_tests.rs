@@ -6,7 +6,8 @@ use std::f32::consts::{PI, TAU};
 use glam::Vec3;
 
 use super::environment::Sampled;
-use super::{lobes, rectangle};
+use super::lobes;
+use super::rectangle::Rectangle;
 use crate::reflectance::{Lobe, LobeBrdf, Microfacet, Rgb, materials};
 use crate::render::materials::{Materials, Shader};
 use crate::render::sampler::hash;
@@ -185,8 +186,9 @@ fn rectangles_are_sampled_evenly_over_their_solid_angle() {
     const SIDE: usize = 12;
     const PARTS: usize = 64;
     for (name, &(centre, [u, v])) in rectangles.iter().enumerate() {
-        let seen = rectangle::Seen::new(centre, [u, v], Vec3::ZERO).unwrap();
-        assert!(rectangle::Seen::new(centre, [v, u], Vec3::ZERO).is_none(), "{name} shines backwards");
+        let light = Rectangle::new(centre, [u, v]);
+        let seen = light.seen(Vec3::ZERO).unwrap();
+        assert!(Rectangle::new(centre, [v, u]).seen(Vec3::ZERO).is_none(), "{name} shines backwards");
         let cell = |x: f32| ((x * SIDE as f32) as usize).min(SIDE - 1);
         let mut counts = vec![0.0; SIDE * SIDE];
         for index in 0..SAMPLES {
