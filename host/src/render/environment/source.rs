@@ -10,8 +10,9 @@ use crate::reflectance::{Rgb, colour};
 use crate::render::math;
 use crate::scene::{Environment, environment::direction_of};
 
-/// Points that are added at once.
+/// Points that are added at once, and whose powers are taken before.
 const LANES: usize = 8;
+const BLOCK: usize = 64;
 
 /// (ω_p·ω)ⁿ, and the angle at which it ends.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -128,34 +129,34 @@ impl Source {
         Rgb::from_array(sums.map(|lanes| lanes.iter().sum()))
     }
 
-    /// Adds a run of points within a lobe, [`LANES`] at a time.
+    /// Adds a run of points within a lobe. Powers first, then sums: one loop for both is not made vector code.
     #[inline(always)]
     fn add(&self, run: std::ops::Range<usize>, toward: Vec3, cap: &Cap, sums: &mut [[f32; LANES]; 3]) {
-        let power = |x: f32, y: f32, z: f32| {
-            let base = x * toward.x + y * toward.y + z * toward.z;
-            // The power is taken in any case, so that lanes stay together.
-            let power = math::powf(base.max(1e-6), cap.n);
-            if base > cap.least_cosine { power } else { 0.0 }
-        };
-        let planes = self.points.each_ref().map(|plane| plane[run.clone()].as_chunks::<LANES>());
-        let [x, y, z, r, g, b] = planes.map(|(whole, _)| whole);
-        let [mut red, mut green, mut blue] = *sums;
-        for i in 0..x.len() {
-            for k in 0..LANES {
-                let power = power(x[i][k], y[i][k], z[i][k]);
-                red[k] += r[i][k] * power;
-                green[k] += g[i][k] * power;
-                blue[k] += b[i][k] * power;
+        let [x, y, z, r, g, b] = self.points.each_ref().map(|plane| &plane[run.clone()]);
+        let mut powers = [0.0; BLOCK];
+        for start in (0..x.len()).step_by(BLOCK) {
+            let block = start..(start + BLOCK).min(x.len());
+            let powers = &mut powers[..block.len()];
+            let directions = x[block.clone()].iter().zip(&y[block.clone()]).zip(&z[block.clone()]);
+            for (power, ((x, y), z)) in powers.iter_mut().zip(directions) {
+                let base = x * toward.x + y * toward.y + z * toward.z;
+                // The power is taken in any case, so that lanes stay together.
+                let raised = math::powf(base.max(1e-6), cap.n);
+                *power = if base > cap.least_cosine { raised } else { 0.0 };
+            }
+            let (whole_powers, rest_powers) = powers.as_chunks::<LANES>();
+            for (sum, flux) in sums.iter_mut().zip([r, g, b]) {
+                let (whole, rest) = flux[block.clone()].as_chunks::<LANES>();
+                for (flux, power) in whole.iter().zip(whole_powers) {
+                    for lane in 0..LANES {
+                        sum[lane] += flux[lane] * power[lane];
+                    }
+                }
+                for ((sum, flux), power) in sum.iter_mut().zip(rest).zip(rest_powers) {
+                    *sum += flux * power;
+                }
             }
         }
-        let [x, y, z, r, g, b] = planes.map(|(_, rest)| rest);
-        for i in 0..x.len() {
-            let power = power(x[i], y[i], z[i]);
-            red[i] += r[i] * power;
-            green[i] += g[i] * power;
-            blue[i] += b[i] * power;
-        }
-        *sums = [red, green, blue];
     }
 
     /// Rows that a cap touches.
