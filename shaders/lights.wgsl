@@ -1,7 +1,8 @@
 // Lights without extent on SBRDF materials, any number of lobes and lamps in one pass, with shadows:
 // L = sum over lights of (rho_d + sum over lobes of rho_s (wi C' wo)^n) E_l (N . wi)   (4.1), (6.9)
 // Reflectance, not its parameters, is interpolated between texels, unless FILTERING says otherwise. The twin in Rust is
-// host/src/render/lights/cpu.rs; coefficients are laid out by host/src/render/storage.rs.
+// host/src/render/lights/cpu.rs; coefficients are laid out by host/src/render/storage.rs. `distant_of`, what is reflected of light
+// from afar, is appended to this file: environment.wgsl, or nothing.
 
 struct View {
     // World to clip space.
@@ -205,17 +206,39 @@ fn power(base: f32, n: f32) -> f32 {
     return select(0.0, pow(max(base, 1e-37), n), base > 0.0);
 }
 
-// Reflectance of one texel, sr^-1.
-fn evaluate(index: u32, brightest: f32, pairs: vec4f) -> vec3f {
+// Lamps that are shaded together: texels are read once for all of them.
+const TOGETHER = 4u;
+
+// Light at a point.
+struct Lit {
+    // Products of the directions' components, as lobes need them.
+    pairs: array<vec4f, TOGETHER>,
+    // Irradiance of the surface.
+    light: array<vec3f, TOGETHER>,
+    // Of all.
+    sum: vec3f,
+    count: u32,
+}
+
+// Radiance by a lobe.
+fn by_lobe(lobe: Lobe, lit: ptr<function, Lit>) -> vec3f {
+    var sum = vec3f(0.0);
+    for (var k = 0u; k < (*lit).count; k++) {
+        sum += (*lit).light[k] * power(dot(lobe.c, (*lit).pairs[k]), lobe.n);
+    }
+    return lobe.rho_s * sum;
+}
+
+// Radiance by a texel.
+fn by_texel(index: u32, brightest: f32, lit: ptr<function, Lit>) -> vec3f {
     var at = starts[index];
     let end = starts[index + 1u];
     let texel = texel_at(at, brightest);
-    var reflectance = texel.rho_d;
+    var radiance = texel.rho_d * (*lit).sum;
     for (at += GROUP; at < end; at += 2u * GROUP) {
-        let lobe = lobe_at(at, texel, brightest);
-        reflectance += lobe.rho_s * power(dot(lobe.c, pairs), lobe.n);
+        radiance += by_lobe(lobe_at(at, texel, brightest), lit);
     }
-    return reflectance;
+    return radiance;
 }
 
 // ---- Filtering; see render/lights/footprint.rs ----
@@ -279,8 +302,10 @@ fn tap(object: u32, footprint: Footprint, index: u32) -> Tap {
         level += rest & 1u;
         rest >>= 1u;
     }
+    // Divisions in floats: those of integers are slow.
     let counts = vec2f(footprint.counts);
-    let step = (vec2f(f32(rest % footprint.counts.x), f32(rest / footprint.counts.x)) + 0.5) / counts - 0.5;
+    let row = floor((f32(rest) + 0.5) / counts.x);
+    let step = (vec2f(f32(rest) - row * counts.x, row) + 0.5) / counts - 0.5;
     weight /= counts.x * counts.y;
 
     var first = materials[object].first;
@@ -288,8 +313,7 @@ fn tap(object: u32, footprint: Footprint, index: u32) -> Tap {
     let finest = size;
     for (var l = 0u; l < level; l++) {
         first += size.x * size.y;
-        let side = 1u << (l + 1u);
-        size = (finest + side - 1u) / side;
+        size = (finest + ((1u << (l + 1u)) - 1u)) >> vec2u(l + 1u);
     }
     let place = (footprint.centre + footprint.along * step.x + footprint.across * step.y) / f32(1u << level);
     var corner = floor(place);
@@ -301,25 +325,23 @@ fn tap(object: u32, footprint: Footprint, index: u32) -> Tap {
         weight *= select(1.0 - f.x, f.x, right) * select(1.0 - f.y, f.y, below);
         corner += vec2f(f32(neighbour & 1u), f32(neighbour >> 1u));
     }
-    let columns = vec2i(size);
-    let wrapped = ((vec2i(corner) % columns) + columns) % columns;
-    return Tap(first + u32(wrapped.y * columns.x + wrapped.x), weight);
+    let wrapped = vec2u(corner - floor((corner + 0.5) / vec2f(size)) * vec2f(size));
+    return Tap(first + wrapped.y * size.x + wrapped.x, weight);
 }
 
-// Reflectance over a footprint, sr^-1.
-fn reflectance_of(object: u32, footprint: Footprint, wi: vec3f, wo: vec3f) -> vec3f {
-    let pairs = pairs_of(wi, wo);
+// Radiance over a footprint.
+fn by_footprint(object: u32, footprint: Footprint, lit: ptr<function, Lit>) -> vec3f {
     let brightest = materials[object].brightest;
     let count = tap_count(object, footprint);
-    var reflectance = vec3f(0.0);
+    var radiance = vec3f(0.0);
     if !COEFFICIENTS {
         for (var k = 0u; k < count; k++) {
             let one = tap(object, footprint, k);
             if one.weight > 0.0 {
-                reflectance += one.weight * evaluate(one.texel, brightest, pairs);
+                radiance += one.weight * by_texel(one.texel, brightest, lit);
             }
         }
-        return reflectance;
+        return radiance;
     }
     // A lobe that one texel lacks has its shape from the others.
     for (var j = 0u; j == 0u || j < materials[object].lobes; j++) {
@@ -329,7 +351,7 @@ fn reflectance_of(object: u32, footprint: Footprint, wi: vec3f, wo: vec3f) -> ve
             let one = tap(object, footprint, k);
             let texel = texel_at(starts[one.texel], brightest);
             if j == 0u {
-                reflectance += one.weight * texel.rho_d;
+                radiance += one.weight * texel.rho_d * (*lit).sum;
             }
             let at = starts[one.texel] + GROUP * (1u + 2u * j);
             if one.weight > 0.0 && at < starts[one.texel + 1u] {
@@ -341,10 +363,10 @@ fn reflectance_of(object: u32, footprint: Footprint, wi: vec3f, wo: vec3f) -> ve
             }
         }
         if whole > 0.0 {
-            reflectance += sum.rho_s * power(dot(sum.c, pairs) / whole, sum.n / whole);
+            radiance += by_lobe(Lobe(sum.c / whole, sum.rho_s, sum.n / whole), lit);
         }
     }
-    return reflectance;
+    return radiance;
 }
 
 // ---- Shadows ----
@@ -467,8 +489,10 @@ fn radiance_of(in: Fragment, dx: vec2f, dy: vec2f) -> vec3f {
     let footprint = footprint_of(in.object, in.uv, dx, dy);
     let origin = shadow_origin(in.triangle, in.position, geometric);
 
-    var radiance = vec3f(0.0);
-    for (var l = 0u; l < u32(view.eye.w); l++) {
+    var radiance = distant_of(in.object, footprint, frame, wo);
+    var lit: Lit;
+    let lamp_count = u32(view.eye.w);
+    for (var l = 0u; l < lamp_count; l++) {
         let lamp = lamps[l];
         var toward = lamp.place.xyz;
         var irradiance = lamp.power.rgb;
@@ -484,13 +508,21 @@ fn radiance_of(in: Fragment, dx: vec2f, dy: vec2f) -> vec3f {
             irradiance *= max(-dot(lamp.front.xyz, toward), 0.0);
         }
         let wi = toward * frame;
-        if wi.z <= 0.0 || all(irradiance == vec3f(0.0)) {
-            continue;
+        var reaches = wi.z > 0.0 && any(irradiance > vec3f(0.0));
+        if SHADOWS && reaches {
+            reaches = dot(geometric, toward) > 0.0 && !occluded(origin, toward, reach);
         }
-        if SHADOWS && (dot(geometric, toward) <= 0.0 || occluded(origin, toward, reach)) {
-            continue;
+        if reaches {
+            lit.pairs[lit.count] = pairs_of(wi, wo);
+            lit.light[lit.count] = irradiance * wi.z;
+            lit.sum += irradiance * wi.z;
+            lit.count++;
         }
-        radiance += reflectance_of(in.object, footprint, wi, wo) * irradiance * wi.z;
+        if lit.count == TOGETHER || (l + 1u == lamp_count && lit.count > 0u) {
+            radiance += by_footprint(in.object, footprint, &lit);
+            lit.count = 0u;
+            lit.sum = vec3f(0.0);
+        }
     }
     return radiance;
 }

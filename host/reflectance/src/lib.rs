@@ -4,6 +4,7 @@
 //! axes, z the outward normal): `wi` points toward the light, `wo` toward the viewer. Reflectance is in sr⁻¹ and never
 //! includes a cosine.
 
+pub mod albedo;
 pub mod colour;
 pub mod lobe;
 pub mod map;

@@ -24,7 +24,7 @@ const SIZE: [u32; 2] = [48, 36];
 /// Between the plane's normal and the view.
 const TILT: f32 = 60.0;
 
-/// A plane of a map, seen from 60° against the light, `texels` texels a pixel across and twice that along.
+/// A plane of a map under a light that it is seen against from 60° and one from the side, `texels` texels a pixel across and twice that along.
 fn scene(map: &Arc<SbrdfMap>, fitted: &[Arc<SbrdfMap>], texels: f32) -> Scene {
     let (sin, cos) = TILT.to_radians().sin_cos();
     let (distance, fov) = (4.0, 14f32.to_radians());
@@ -41,10 +41,9 @@ fn scene(map: &Arc<SbrdfMap>, fitted: &[Arc<SbrdfMap>], texels: f32) -> Scene {
             transform: glam::Affine3A::from_scale(Vec3::splat(scale)),
             material,
         }],
-        lights: vec![Light::Directional {
-            toward: Vec3::new(0.03, cos, -sin).normalize(),
-            irradiance: Rgb::splat(2.0),
-        }],
+        lights: [Vec3::new(0.03, cos, -sin), Vec3::new(0.8, 0.8, -0.1)]
+            .map(|toward| Light::Directional { toward: toward.normalize(), irradiance: Rgb::splat(2.0) })
+            .to_vec(),
         environment: None,
         background: Background::Colour(Rgb::ZERO),
         camera: Camera {
@@ -114,7 +113,8 @@ pub(super) fn section(maps: &[(&str, SbrdfMap)]) -> Result<Section> {
     Ok(Section {
         title: "Pictures by filter".into(),
         text: format!(
-            "The same maps on a plane seen from {TILT}° against the light, which makes pixels twice as long as wide on it. Relative RMSE of the renderer \
+            "The same maps on a plane seen from {TILT}°, which makes pixels twice as long as wide on it, against one light and with another from the \
+             side. Relative RMSE of the renderer \
              `lights` against the path tracer with {SAMPLES} samples a pixel. Averaged coefficients and fitted levels are MIP levels, with up to 16 samples \
              along the pixel's longer axis; shade-then-filter evaluates up to 16 × 16 texels of the finest level."
         ),

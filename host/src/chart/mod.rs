@@ -11,6 +11,8 @@ use crate::error::{Error, Result};
 use crate::files;
 use crate::page::{self, html};
 
+mod device;
+pub mod environment;
 mod filtering;
 pub mod fit;
 pub mod interpolation;
@@ -21,6 +23,8 @@ pub mod render;
 pub mod stability;
 pub mod storage;
 mod table;
+#[cfg(feature = "sim")]
+mod weave;
 
 pub use plot::{Axis, Plot, Series};
 pub use table::{Cell, Table};

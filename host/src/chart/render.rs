@@ -7,7 +7,7 @@ use crate::render::choose::{self, Model};
 use crate::render::compare::{Errors, compare};
 use crate::render::lights::Filtering;
 use crate::render::storage::Storage;
-use crate::render::{Method, Renderer, Rendering, lights, reference};
+use crate::render::{self, Method, Renderer, Rendering, environment, lights, reference};
 use crate::scene::Scene;
 
 /// Errors that a picture is chosen for.
@@ -42,7 +42,8 @@ fn settings(scene: &Scene, seed: u64) -> Vec<Setting> {
             add(method, format!("{samples} samples"), Box::new(renderer));
         }
     }
-    for setting in choose::settings(scene, seed, &lights::Settings::default()) {
+    let environment = environment::Settings { seed, ..Default::default() };
+    for setting in choose::settings(scene, &render::Settings { environment, ..Default::default() }) {
         if setting.method != Method::Lights {
             add(setting.method.name(), setting.name.into(), setting.renderer);
         }
@@ -173,8 +174,12 @@ fn choices(scene: &Scene, truth: &Rendering, seed: u64) -> Result<Table> {
         "verified",
         "actual relative RMSE",
     ]);
-    let base = reference::Settings { samples: 1 << 20, seed, ..Default::default() };
-    let model = Model::measure(scene, &base, &lights::Settings::default())?;
+    let settings = render::Settings {
+        reference: reference::Settings { samples: 1 << 20, seed, ..Default::default() },
+        environment: environment::Settings { seed, ..Default::default() },
+        ..Default::default()
+    };
+    let model = Model::measure(scene, &settings)?;
     for bound in BOUNDS {
         let outcome = model.meet(&scene.camera, bound)?;
         let Some(taken) = outcome.tried.iter().rfind(|tried| tried.actual.is_some()) else { continue };

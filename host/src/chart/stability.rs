@@ -1,4 +1,4 @@
-//! The failure atlas: methods where they break. Fits of one noisy lobe against the Cramér–Rao bound.
+//! The failure atlas: methods where they break. Fits of one noisy lobe against the Cramér–Rao bound; the direction of anisotropy under blur.
 
 use glam::{DVec3, Vec3};
 
@@ -91,8 +91,12 @@ pub fn fit(seed: u64) -> Result<Chart> {
     Ok(Chart {
         name: "stability-fit".into(),
         title: "Where fits break".into(),
-        lead: "No unbiased fit can have a smaller variance than the Cramér–Rao bound; one that is far above it, or far off where it says that it is not, cannot be trusted.".into(),
-        sections: vec![section],
+        lead: "No unbiased fit can have a smaller variance than the Cramér–Rao bound; one that is far above it, or far off where it says that it is not, cannot be trusted. Where photographs are badly registered, threads of a weave mix.".into(),
+        sections: vec![
+            section,
+            #[cfg(feature = "sim")]
+            super::weave::section(seed)?,
+        ],
     })
 }
 

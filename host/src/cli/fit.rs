@@ -12,7 +12,7 @@ use clap::{Args, ValueEnum};
 use crate::error::{Error, Result};
 use crate::fit::chunks::{self, Part};
 use crate::fit::figures::ErrorFigure;
-use crate::fit::{Diffuse, FitOptions, MOST_LOBES, Method, Residual, mip};
+use crate::fit::{Device, Diffuse, FitOptions, MOST_LOBES, Method, Residual, gpu, mip};
 use crate::reflectance::SbrdfMap;
 use crate::sampled::SampledStore;
 
@@ -41,6 +41,10 @@ pub(super) struct FitArgs {
     /// The scale on which fitted and measured values are compared; `auto` is proportional for texels, balanced for tables
     #[arg(long, value_enum, default_value_t = ResidualName::Auto)]
     pub(super) residual: ResidualName,
+    /// What fits a sampled SBRDF. Both find the same lobes but for rounding; only the CPU gives the same bytes on every machine. The GPU does the
+    /// separable method
+    #[arg(long, value_enum, default_value_t = DeviceName::Auto)]
+    pub(super) device: DeviceName,
     /// Isotropic lobes only: Cx = Cy, no direction of anisotropy. Tables are always fitted so
     #[arg(long)]
     pub(super) isotropic: bool,
@@ -50,6 +54,10 @@ pub(super) struct FitArgs {
     /// Take the diffuse term from this percentile of a texel's samples instead of fitting it with the lobes
     #[arg(long, value_name = "PERCENT")]
     pub(super) diffuse_percentile: Option<f64>,
+    /// Fit texels or wavelengths that reflect more than they receive from some direction again, so that they do not: directional
+    /// albedo at most 1 at incidences from 0° to 89°. What that costs is printed and reported
+    #[arg(long)]
+    pub(super) conserve_energy: bool,
     /// Wavelengths of a table to fit, nm; three of them can be written as red, green and blue, the longest as red. Without it 450, 550
     /// and 650, or the one of a table that has no other
     #[arg(long, value_delimiter = ',', value_name = "NM,…")]
@@ -102,6 +110,18 @@ pub(super) enum MethodName {
     LineSearch,
     /// Levenberg–Marquardt over shapes and albedos, on luminance, then colours
     Lm,
+}
+
+/// Names of devices on the command line.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub(super) enum DeviceName {
+    /// The GPU if there are 16,384 texels or more, it is no software, and it fits the middle chunk in less time than the CPU; the CPU for
+    /// --chunks, whose parts may be fitted on different machines
+    Auto,
+    /// The CPU, on as many threads as --threads
+    Cpu,
+    /// The GPU, also one in software
+    Gpu,
 }
 
 /// Names of residuals on the command line.
@@ -241,7 +261,7 @@ fn fit_sampled(args: &FitArgs, input: &Path) -> Result<FitOutcome> {
     let residual = args.residual(FitOptions::default().residual);
     let method = args.method(residual);
     let (lobes, choose) = args.texel_lobes(method);
-    let options = FitOptions {
+    let mut options = FitOptions {
         lobes,
         choose,
         method,
@@ -249,9 +269,14 @@ fn fit_sampled(args: &FitArgs, input: &Path) -> Result<FitOutcome> {
         separate_channels: args.separate_channels,
         diffuse: args.diffuse_percentile.map_or(Diffuse::Joint, Diffuse::Percentile),
         residual,
+        device: if args.device == DeviceName::Gpu { Device::Gpu } else { Device::Cpu },
+        conserve_energy: args.conserve_energy,
     };
     options.check()?;
     let store = SampledStore::open(input)?;
+    if args.device == DeviceName::Auto && args.chunks.is_none() {
+        options.device = gpu::faster(&store, &options)?;
+    }
     if let Some(part) = args.chunks {
         return parts::fit(&store, &options, part, output);
     }
@@ -266,11 +291,15 @@ fn fit_sampled(args: &FitArgs, input: &Path) -> Result<FitOutcome> {
     }
     let outcome = sampled_outcome(&map, seconds);
     let (texels, poses) = (store.width * store.height, store.poses.len());
+    let device = match options.device {
+        Device::Cpu => String::new(),
+        Device::Gpu => format!(" on {}", gpu::name()?),
+    };
     print(&format!(
-        "{texels} texels × {poses} poses, {} by {}: {seconds:.1} s\n{}",
+        "{texels} texels × {poses} poses, {} by {}{device}: {seconds:.1} s\n{}",
         lobes_in_words(&map, &options),
         options.method.name(),
-        outcome.residuals()
+        outcome.residuals() + &energy_in_words(&map)
     ))?;
     Ok(outcome)
 }
@@ -289,6 +318,25 @@ fn lobes_in_words(map: &SbrdfMap, options: &FitOptions) -> String {
     let shares: Vec<String> =
         (0..=most).map(|count| format!("{count} {} in {:.0} %", word(count), share(count))).collect();
     shares.join(", ")
+}
+
+/// How many texels were held to an albedo of 1, and at what price; empty where that was not asked for.
+fn energy_in_words(map: &SbrdfMap) -> String {
+    let Some((held, median)) = energy_price(map) else { return String::new() };
+    let texels = map.width * map.height;
+    format!(
+        "albedo held to 1 in {held} of {texels} texels, at a median price of {:.2} % of the samples' RMS there\n",
+        100.0 * median
+    )
+}
+
+/// The texels that were changed so that they make no energy, and the median rise of their relative residual.
+fn energy_price(map: &SbrdfMap) -> Option<(usize, f64)> {
+    let (prices, held) = (map.extra.get("error.energy_price")?, map.extra.get("energy_held")?);
+    let mut prices: Vec<f32> =
+        prices.iter().zip(held).filter(|pair| *pair.1 > 0.0).map(|pair| *pair.0).collect();
+    prices.sort_by(f32::total_cmp);
+    Some((prices.len(), prices.get(prices.len() / 2).map_or(0.0, |&price| f64::from(price))))
 }
 
 impl FitOutcome {
@@ -327,6 +375,11 @@ fn sampled_outcome(map: &SbrdfMap, seconds: f64) -> FitOutcome {
             };
         }
         outcome.errors.push(figure);
+    }
+    if let Some((held, median)) = energy_price(map) {
+        let over = format!("{held} texels held to an albedo of 1");
+        outcome.errors.push(ErrorFigure::new("energy_price_median", median, "1", over));
+        outcome.figures.insert("texels_held".into(), held.into());
     }
     outcome.figures.insert("texels".into(), texels.into());
     outcome.figures.insert("texels_without_samples".into(), (texels - relative.len()).into());
@@ -465,6 +518,37 @@ mod tests {
         assert!(unknown.exit_code() == 2 && unknown.to_string().contains("paint.csv"));
         let no_output = fit_input(&parsed(&["a.zarr"]), 1).unwrap_err();
         assert!(no_output.to_string().contains("-o FILE.exr"));
+    }
+
+    #[test]
+    fn brushed_metal_is_held_to_what_arrives_and_the_price_is_reported() {
+        let folder = tempfile::tempdir().unwrap();
+        let (input, output) = (folder.path().join("s.zarr"), folder.path().join("m.exr"));
+        let metal = crate::reflectance::materials::published("brushed-metal").unwrap();
+        let options = crate::synth::Options {
+            width: 2,
+            height: 1,
+            texel_mm: 0.5,
+            poses: 150,
+            noise: 0.0,
+            relative_noise: 0.0,
+            seed: 3,
+        };
+        let eval = |wi, wo| crate::reflectance::Brdf::eval(&metal, wi, wo);
+        crate::synth::sample(&options, |_, _, wi, wo| eval(wi, wo)).write_zarr(&input).unwrap();
+        let arguments =
+            [input.to_str().unwrap(), "-o", output.to_str().unwrap(), "--lobes", "3", "--separate-channels"];
+        let albedo = || {
+            let map = SbrdfMap::read_exr(&output).unwrap();
+            crate::reflectance::albedo::largest(&map.texel(1)).max_element()
+        };
+        fit_input(&parsed(&arguments), 1).unwrap();
+        assert!(albedo() > 1.1, "{}", albedo());
+        let outcome = fit_input(&parsed(&[&arguments[..], &["--conserve-energy"]].concat()), 1).unwrap();
+        assert!(albedo() <= 1.0 + crate::fit::conserve::TOLERANCE, "{}", albedo());
+        let price = outcome.errors.iter().find(|error| error.name == "energy_price_median").unwrap();
+        assert!(price.value > 0.0 && price.value < 0.5, "{price:?}");
+        assert!(outcome.figures["texels_held"].as_u64().unwrap() >= 1);
     }
 
     #[test]

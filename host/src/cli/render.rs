@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use super::Context;
+use super::environment::EnvironmentArgs;
 use crate::chart::Table;
 use crate::error::{Error, Result};
 use crate::fit::figures::ErrorFigure;
@@ -28,7 +29,7 @@ pub(super) struct RenderArgs {
     #[arg(long, value_enum, default_value_t = Method::Auto)]
     pub(super) method: Method,
     /// Samples a pixel: of the reference [default: 64, or as many as --seconds and --max-error need], of lights at edges [default: 4,
-    /// or the most below that the GPU can]
+    /// or the most below that the GPU can], of environment [default: 16]
     #[arg(long, value_parser = clap::value_parser!(u32).range(1..=1_048_576))]
     pub(super) samples: Option<u32>,
     /// Seconds that the reference may take at most
@@ -47,14 +48,16 @@ pub(super) struct RenderArgs {
     /// A reference picture of the same view: RMSE, relative RMSE and FLIP against it are told and reported
     #[arg(long, value_name = "FILE.exr")]
     pub(super) against: Option<PathBuf>,
-    #[command(flatten)]
-    pub(super) lights: LightsArgs,
     /// Pixels a row, instead of the scene's; rows follow
     #[arg(long)]
     pub(super) width: Option<u32>,
     /// Rows, instead of the scene's; pixels a row follow when --width is not given
     #[arg(long)]
     pub(super) height: Option<u32>,
+    #[command(flatten)]
+    pub(super) lights: LightsArgs,
+    #[command(flatten)]
+    pub(super) environment: EnvironmentArgs,
 }
 
 /// What only `--method lights` takes.
@@ -244,7 +247,11 @@ fn render_scene(args: &RenderArgs, seed: u64) -> Result<RenderOutcome> {
     {
         return Err(Error::input(format!("{}: a variance image's name ends in .exr", path.display())));
     }
-    let lights = args.lights()?;
+    let settings = render::Settings {
+        reference: args.settings(seed),
+        lights: args.lights()?,
+        environment: args.environment.settings(args.method, args.samples, seed)?,
+    };
     let start = Instant::now();
     let mut scene = Scene::open(&args.scene)?;
     let keys = scene.animation.iter_mut().flat_map(|animation| &mut animation.keys);
@@ -261,18 +268,17 @@ fn render_scene(args: &RenderArgs, seed: u64) -> Result<RenderOutcome> {
     let against = args.against.as_deref().map(Picture::read_exr).transpose()?;
     let loaded = start.elapsed().as_secs_f64();
 
-    let settings = args.settings(seed);
     let mut tried = Vec::new();
     let mut first = None;
     let choosing = Instant::now();
     let chosen = match (args.method, args.max_error, views.first()) {
         (Method::Auto, Some(max_error), Some((view, _))) => {
-            let outcome = Model::measure(&scene, &settings, &lights)?.meet(view, max_error)?;
+            let outcome = Model::measure(&scene, &settings)?.meet(view, max_error)?;
             tried = outcome.tried;
             first = Some(outcome.rendering);
             outcome.chosen
         }
-        _ => render::prepare(&scene, args.method, &settings, &lights)?,
+        _ => render::prepare(&scene, args.method, &settings)?,
     };
     // What it took beside the picture that was chosen.
     let own = first.as_ref().map(|picture| picture.cost.prepare_seconds + picture.cost.render_seconds);
@@ -372,6 +378,7 @@ mod tests {
             variance: None,
             against: None,
             lights: LightsArgs::default(),
+            environment: EnvironmentArgs::default(),
             width: Some(32),
             height: None,
         }

@@ -139,6 +139,23 @@ impl Model {
     }
 }
 
+impl From<&LobeBrdf> for Model {
+    /// The model of a BRDF's red channel.
+    fn from(brdf: &LobeBrdf) -> Self {
+        let lobe = |lobe: &Lobe| {
+            let (c, amplitude) = (lobe.c.as_dvec3(), f64::from(lobe.rho_s.x));
+            ModelLobe { amplitude, c: c.normalize(), n: f64::from(lobe.n), reference: 1.0 / c.length() }
+        };
+        let coat = brdf.microfacets.first().map(|coat| Coat {
+            f0: f64::from(coat.f0.x),
+            f90: f64::from(coat.f90.x),
+            alpha: f64::from(coat.alpha),
+        });
+        let (diffuse, beta) = (f64::from(brdf.rho_d.x), f64::from(brdf.beta));
+        Self { diffuse, beta, lobes: brdf.lobes.iter().map(lobe).collect(), coat }
+    }
+}
+
 /// The diagonal of C as a unit vector from a direction.
 pub fn isotropic_c(angle: f64) -> DVec3 {
     let (sin, cos) = angle.sin_cos();

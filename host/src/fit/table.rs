@@ -12,7 +12,7 @@ use super::model::Model;
 use super::random::Random;
 use super::samples::{Samples, Target};
 use super::start::{Effort, Problem, Search};
-use super::{Method, PERCENTILE, Residual, diffuse, evaluate, line_search};
+use super::{Method, PERCENTILE, Residual, conserve, diffuse, evaluate, line_search};
 use crate::error::{Error, Result};
 use crate::progress;
 use crate::reflectance::{LobeBrdf, MeasuredTable, Microfacet, Rgb};
@@ -51,6 +51,8 @@ pub struct TableOptions {
     pub random_starts: usize,
     /// Seed of the random starts.
     pub seed: u64,
+    /// Whether a fit with a directional albedo above 1 is made again so that it has none.
+    pub conserve_energy: bool,
 }
 
 /// Errors over some rows.
@@ -79,6 +81,8 @@ pub struct WavelengthFit {
     pub outcome: Outcome,
     /// Over the rows that the fit saw.
     pub training: Errors,
+    /// The same before the fit was changed for the sake of energy, where it was.
+    pub free: Option<Errors>,
     /// Over the rows that it did not.
     pub held_out: Option<Errors>,
     /// Cost over the best cost of the random starts.
@@ -203,7 +207,7 @@ fn one(
     let mut optimiser = Optimiser::default();
     let problem = Problem { samples: &training, target: &target, freedom: FREEDOM, fixed_diffuse: 0.0 };
     let mut start_ratio = None;
-    let (model, outcome) = if options.method == Method::LineSearch && lobes > 0 {
+    let (mut model, mut outcome) = if options.method == Method::LineSearch && lobes > 0 {
         let rho_d = diffuse::percentile(&mut training.value.clone(), PERCENTILE);
         let model = line_search::fit(&training, &target, rho_d, FREEDOM);
         let cost = optimiser.evaluate(&training, &target, &model);
@@ -224,6 +228,14 @@ fn one(
         }
         found
     };
+    let mut free = None;
+    if options.conserve_energy
+        && let Some(held) = conserve::conserve(&coloured(&model, Rgb::X), &training, &[0], &[target.clone()])
+    {
+        free = Some(errors(&training, &model));
+        model = Model::from(&held);
+        outcome.cost = optimiser.evaluate(&training, &target, &model);
+    }
     let left_out = if judged {
         choice::left_out(&training, &choice::folds(&theta_deg), &target, &model)
     } else {
@@ -234,6 +246,7 @@ fn one(
         size,
         chosen: false,
         left_out,
+        free,
         training: errors(&training, &model),
         held_out: (!held_out.is_empty()).then(|| errors(&held_out, &model)),
         model,
@@ -246,26 +259,27 @@ fn one(
 pub fn brdf(red_green_blue: [&WavelengthFit; 3]) -> LobeBrdf {
     let mut brdf = LobeBrdf::default();
     for (fit, colour) in red_green_blue.into_iter().zip([Rgb::X, Rgb::Y, Rgb::Z]) {
-        add(&mut brdf, fit, colour);
+        let one = coloured(&fit.model, colour);
+        brdf.rho_d += one.rho_d;
+        brdf.lobes.extend(one.lobes);
+        brdf.microfacets.extend(one.microfacets);
     }
     brdf
 }
 
-/// The BRDF of one fit for all channels.
-pub fn grey(fit: &WavelengthFit) -> LobeBrdf {
-    let mut brdf = LobeBrdf::default();
-    add(&mut brdf, fit, Rgb::ONE);
-    brdf
-}
-
-/// Adds a fit's terms in a colour.
-fn add(brdf: &mut LobeBrdf, fit: &WavelengthFit, colour: Rgb) {
-    brdf.rho_d += fit.model.diffuse as f32 * colour;
-    let lobes = fit.model.lobes.iter().filter(|lobe| lobe.amplitude > 0.0);
-    brdf.lobes.extend(lobes.map(|lobe| lobe.to_lobe(lobe.amplitude as f32 * colour)));
-    if let Some(coat) = fit.model.coat {
-        let (f0, f90) = (coat.f0 as f32 * colour, coat.f90 as f32 * colour);
-        brdf.microfacets.push(Microfacet { f0, f90, alpha: coat.alpha as f32 });
+/// A model in a colour, without its black lobes.
+pub fn coloured(model: &Model, colour: Rgb) -> LobeBrdf {
+    let lobes = model.lobes.iter().filter(|lobe| lobe.amplitude > 0.0);
+    let coat = model.coat.map(|coat| Microfacet {
+        f0: coat.f0 as f32 * colour,
+        f90: coat.f90 as f32 * colour,
+        alpha: coat.alpha as f32,
+    });
+    LobeBrdf {
+        rho_d: model.diffuse as f32 * colour,
+        beta: 0.0,
+        lobes: lobes.map(|lobe| lobe.to_lobe(lobe.amplitude as f32 * colour)).collect(),
+        microfacets: coat.into_iter().collect(),
     }
 }
 
@@ -287,6 +301,10 @@ pub fn figures(fits: &[WavelengthFit], options: &TableOptions) -> Vec<ErrorFigur
         let over = |errors: &Errors, what: &str| format!("{} {what} rows", errors.rows);
         add("training_log_rms", fit.training.log_rms, over(&fit.training, "training"));
         add("training_relative_l2", fit.training.relative_l2, over(&fit.training, "training"));
+        if let Some(free) = &fit.free {
+            add("energy_free_training_log_rms", free.log_rms, over(free, "training"));
+            add("energy_free_training_relative_l2", free.relative_l2, over(free, "training"));
+        }
         if let Some(held_out) = &fit.held_out {
             add("held_out_log_rms", held_out.log_rms, over(held_out, "held-out"));
             add("held_out_relative_l2", held_out.relative_l2, over(held_out, "held-out"));
@@ -313,6 +331,7 @@ mod tests {
             hold_out_theta_deg: vec![30.0],
             random_starts: 4,
             seed: 1,
+            conserve_energy: false,
         }
     }
 
@@ -399,6 +418,52 @@ mod tests {
             assert!(fit.start_ratio.unwrap() < 1.02, "{fit:?}");
         }
         assert!(fits[1].held_out.unwrap().log_rms < 0.2, "{fits:?}");
+    }
+
+    #[test]
+    #[ignore = "long: cargo xtask long"]
+    fn a_measured_retro_reflector_gets_a_retro_lobe_without_being_told() {
+        let folder = std::env::var("LOBELIA_DATA").unwrap_or_else(|_| "../../shared/data".into());
+        let path = std::path::Path::new(&folder).join("brdf/retro-3M-jaune.dat");
+        if !path.exists() {
+            println!("skipped: {} is not there", path.display());
+            return;
+        }
+        let sizes = [false, true].map(|microfacet| [1, 2].map(|lobes| Size { lobes, microfacet })).concat();
+        let options = TableOptions {
+            residual: Residual::Balanced,
+            hold_out_theta_deg: vec![],
+            random_starts: 0,
+            ..options()
+        };
+        let table = MeasuredTable::read(&path).unwrap();
+        let fits = fit(&table, &[550.0], &sizes, Take::Choose, &options).unwrap();
+        let chosen = fits.iter().find(|fit| fit.chosen).unwrap();
+        let mut lobes = chosen.model.lobes.clone();
+        lobes.sort_by(|a, b| b.n.total_cmp(&a.n));
+        // Its axis points at the light: Cx = Cy = Cz.
+        let sharpest = lobes[0];
+        assert!(sharpest.n > 100.0 && (sharpest.c.x / sharpest.c.z - 1.0).abs() < 0.02, "{chosen:?}");
+    }
+
+    #[test]
+    fn a_table_that_makes_energy_is_held_and_says_what_that_costs() {
+        let lobe = Lobe { rho_s: Rgb::splat(3.0), c: Vec3::new(-1.1, -1.1, 0.9), n: 8.0 };
+        let metal = LobeBrdf { lobes: vec![lobe], ..LobeBrdf::diffuse(Rgb::splat(0.2)) };
+        let mut table = table();
+        for row in &mut table.rows {
+            let f = f64::from(metal.eval(row.wi().as_vec3(), row.wo().as_vec3()).x);
+            row.values = vec![f, f];
+        }
+        let options = TableOptions { conserve_energy: true, ..options() };
+        let held = fit(&table, &[400.0], &[ONE], Take::Size(ONE), &options).unwrap().remove(0);
+        let largest = crate::reflectance::albedo::largest(&coloured(&held.model, Rgb::ONE)).x;
+        assert!(largest <= 1.0 + conserve::TOLERANCE, "{largest}");
+        let free = held.free.unwrap();
+        assert!(free.log_rms < 1e-3 && held.training.log_rms > 10.0 * free.log_rms, "{held:?}");
+        assert!(
+            figures(&[held], &options).iter().any(|figure| figure.name == "energy_free_training_log_rms")
+        );
     }
 
     #[test]

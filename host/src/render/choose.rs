@@ -9,7 +9,7 @@
 use std::rc::Rc;
 
 use super::{
-    Chosen, Method, Picture, Prepared, Renderer, Rendering, compare, environment, lights, reference,
+    Chosen, Method, Picture, Prepared, Renderer, Rendering, Settings, compare, environment, reference,
 };
 use crate::error::Result;
 use crate::progress;
@@ -37,12 +37,13 @@ pub struct Setting {
 }
 
 /// The settings of the renderers without noise that a scene can be given to.
-pub fn settings(scene: &Scene, seed: u64, lights: &lights::Settings) -> Vec<Setting> {
+pub fn settings(scene: &Scene, base: &Settings) -> Vec<Setting> {
     let mut all: Vec<Setting> = Vec::new();
     if scene.environment.is_some() {
-        let base = environment::Settings { seed, ..Default::default() };
+        let base = base.environment;
         let variants = [
             ("slices", base),
+            ("slices, on the GPU", environment::Settings { gpu: true, ..base }),
             ("slices, no horizon correction", environment::Settings { horizon: false, ..base }),
             ("MIP levels", environment::Settings { encoding: environment::Encoding::Mips, ..base }),
             ("slices, spherical harmonics", environment::Settings { harmonics: true, ..base }),
@@ -53,7 +54,11 @@ pub fn settings(scene: &Scene, seed: u64, lights: &lights::Settings) -> Vec<Sett
             renderer: Box::new(variant),
         }));
     }
-    all.push(Setting { method: Method::Lights, name: lights.filtering.name(), renderer: Box::new(*lights) });
+    all.push(Setting {
+        method: Method::Lights,
+        name: base.lights.filtering.name(),
+        renderer: Box::new(base.lights),
+    });
     all
 }
 
@@ -113,16 +118,16 @@ pub struct Outcome<'a> {
 }
 
 impl<'a> Model<'a> {
-    /// Measures every setting on a small view. `base` has the bounces, the seed and the limits of the path tracer.
+    /// Measures every setting on a small view. The reference's settings have its bounces, seed and limits.
     ///
     /// # Errors
     /// Those of the scene and of the path tracer. Another method that fails or cannot draw the scene is left out.
-    pub fn measure(scene: &'a Scene, base: &reference::Settings, lights: &lights::Settings) -> Result<Self> {
-        let base = reference::Settings { max_error: None, ..*base };
+    pub fn measure(scene: &'a Scene, given: &Settings) -> Result<Self> {
+        let base = reference::Settings { max_error: None, ..given.reference };
         let mut model = Self { scene, base, candidates: Vec::new(), note: None };
         let view = small(&scene.camera);
         let pixels = f64::from(view.width * view.height);
-        let settings = settings(scene, base.seed, lights);
+        let settings = settings(scene, given);
         let bar = progress::bar("measuring", settings.len() as u64 + 3, "settings");
 
         let whole = judge(&base, 0, SMALL_SAMPLES).render(scene, &view)?;
@@ -323,7 +328,7 @@ mod tests {
         let base = reference::Settings { samples: 1 << 20, seed: 5, ..Default::default() };
         let truth = judge(&base, 9, 256).render(&scene, &scene.camera).unwrap().picture;
         for max_error in [0.3, 0.02] {
-            let outcome = Model::measure(&scene, &base, &lights::Settings::default())
+            let outcome = Model::measure(&scene, &Settings { reference: base, ..Settings::default() })
                 .unwrap()
                 .meet(&scene.camera, max_error)
                 .unwrap();
@@ -341,7 +346,7 @@ mod tests {
         scene.objects.push(scene.objects[0].clone());
         scene.objects[1].transform = glam::Affine3A::from_rotation_x(-1.2);
         let base = reference::Settings { samples: 1 << 20, seed: 5, ..Default::default() };
-        let model = Model::measure(&scene, &base, &lights::Settings::default()).unwrap();
+        let model = Model::measure(&scene, &Settings { reference: base, ..Settings::default() }).unwrap();
         let bias = model.candidates[1].bias;
         assert!(bias > 0.02 && model.candidates[0].bias == 0.0, "{bias}");
         let outcome = model.meet(&scene.camera, 0.5 * bias).unwrap();

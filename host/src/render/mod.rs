@@ -4,7 +4,7 @@
 //! | method | light | where |
 //! |---|---|---|
 //! | `reference` | all lights, environment, shadows, interreflection | CPU |
-//! | `environment` | environment by prefiltered maps (6.13)–(6.18), lights as in `lights`; no shadows | CPU |
+//! | `environment` | environment by prefiltered maps (6.13)–(6.18), lights as in `lights`, with their shadows on the GPU | CPU or GPU |
 //! | `lights` | point, directional, rectangular as points (6.9), with shadows | GPU |
 
 mod bvh;
@@ -118,7 +118,7 @@ pub enum Method {
     Reference,
     /// Raster on the GPU.
     Lights,
-    /// Prefiltered environment maps on the CPU.
+    /// Prefiltered environment maps, on the CPU or the GPU.
     Environment,
 }
 
@@ -154,23 +154,29 @@ pub struct Chosen<'a> {
     pub note: Option<String>,
 }
 
+/// The settings of every method.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Settings {
+    /// The path tracer's.
+    pub reference: reference::Settings,
+    /// Those of the raster.
+    pub lights: lights::Settings,
+    /// Those of prefiltered environments.
+    pub environment: environment::Settings,
+}
+
 /// Makes a scene ready by the method named; `auto` falls back to the CPU and says why.
 ///
 /// # Errors
 /// Those of the method; `lights` without a GPU is a failure, `auto` is not.
-pub fn prepare<'a>(
-    scene: &'a Scene,
-    method: Method,
-    settings: &reference::Settings,
-    lights: &lights::Settings,
-) -> Result<Chosen<'a>> {
-    let reference = |note| Ok(Chosen { prepared: settings.prepare(scene)?, method: Method::Reference, note });
-    let lights = || lights.prepare(scene);
+pub fn prepare<'a>(scene: &'a Scene, method: Method, settings: &Settings) -> Result<Chosen<'a>> {
+    let reference =
+        |note| Ok(Chosen { prepared: settings.reference.prepare(scene)?, method: Method::Reference, note });
+    let lights = || settings.lights.prepare(scene);
     match method {
         Method::Reference => reference(None),
         Method::Environment => {
-            let settings = environment::Settings { seed: settings.seed, ..Default::default() };
-            Ok(Chosen { prepared: settings.prepare(scene)?, method, note: None })
+            Ok(Chosen { prepared: settings.environment.prepare(scene)?, method, note: None })
         }
         Method::Lights => Ok(Chosen { prepared: lights()?, method, note: None }),
         Method::Auto if scene.environment.is_some() => {
@@ -200,15 +206,11 @@ mod tests {
         let coat = Microfacet { f0: Rgb::splat(0.04), f90: Rgb::ONE, alpha: 0.1 };
         let brdf = LobeBrdf { microfacets: vec![coat], ..LobeBrdf::diffuse(Rgb::splat(0.2)) };
         scene.objects[0].material = Material::uniform(brdf);
-        let settings = reference::Settings::default();
+        let settings = Settings::default();
         for method in [Method::Lights, Method::Environment] {
-            let error =
-                prepare(&scene, method, &settings, &lights::Settings::default()).map(|_| ()).unwrap_err();
+            let error = prepare(&scene, method, &settings).map(|_| ()).unwrap_err();
             assert!(error.to_string().contains("microfacet") && error.exit_code() == 2, "{error}");
         }
-        assert_eq!(
-            prepare(&scene, Method::Auto, &settings, &lights::Settings::default()).unwrap().method,
-            Method::Reference
-        );
+        assert_eq!(prepare(&scene, Method::Auto, &settings).unwrap().method, Method::Reference);
     }
 }

@@ -90,10 +90,10 @@ mod tests {
     /// A table of a function of θ_h (red), θ_d (green) and φ_d (blue).
     fn bytes() -> Vec<u8> {
         let mut bytes: Vec<u8> = CELLS.iter().flat_map(|&cells| (cells as i32).to_le_bytes()).collect();
-        for c in 0..3 {
+        for (c, scale) in SCALE.into_iter().enumerate() {
             for cell in 0..CELLS.iter().product::<usize>() {
                 let (i, j, k) = (cell / (90 * 180), cell / 180 % 90, cell % 180);
-                let stored = if i == 40 { -1.0 } else { middle(i, j, k)[c] / SCALE[c] };
+                let stored = if i == 40 { -1.0 } else { middle(i, j, k)[c] / scale };
                 bytes.extend(stored.to_le_bytes());
             }
         }

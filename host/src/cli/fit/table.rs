@@ -4,11 +4,11 @@ use std::fmt::Write as _;
 use std::path::Path;
 use std::time::Instant;
 
-use super::{AUTO_LOBES, FitArgs, FitOutcome, Lobes, MethodName, ModelName, print, write_map};
+use super::{AUTO_LOBES, DeviceName, FitArgs, FitOutcome, Lobes, MethodName, ModelName, print, write_map};
 use crate::error::{Error, Result};
 use crate::fit::table::{self, Size, TableOptions, Take, WavelengthFit};
 use crate::fit::{Method, Residual};
-use crate::reflectance::{MeasuredTable, SbrdfMap};
+use crate::reflectance::{MeasuredTable, Rgb, SbrdfMap};
 
 /// Wavelengths that stand for blue, green and red, nm.
 const WAVELENGTHS_NM: [f64; 3] = [450.0, 550.0, 650.0];
@@ -19,6 +19,9 @@ const MOST_BESIDE: usize = 3;
 pub(super) fn fit(args: &FitArgs, input: &Path, seed: u64) -> Result<FitOutcome> {
     if args.chunks.is_some() || args.mip {
         return Err(Error::input("--chunks and --mip are for sampled SBRDFs (.zarr)"));
+    }
+    if args.device == DeviceName::Gpu {
+        return Err(Error::input("--device gpu is for sampled SBRDFs (.zarr); tables are fitted on the CPU"));
     }
     if args.diffuse_percentile.is_some() || args.separate_channels {
         return Err(Error::input(
@@ -40,6 +43,7 @@ pub(super) fn fit(args: &FitArgs, input: &Path, seed: u64) -> Result<FitOutcome>
         hold_out_theta_deg: args.hold_out_theta_deg.clone(),
         random_starts: args.random_starts,
         seed,
+        conserve_energy: args.conserve_energy,
     };
     let measured = MeasuredTable::read(input).map_err(|error| Error::input(error.to_string()))?;
     let wavelengths_nm = match (&args.wavelengths_nm[..], &measured.wavelengths_nm[..]) {
@@ -136,6 +140,10 @@ fn write_description(
         if let Some(coat) = fit.model.coat {
             write!(text, "  ggx {:.4} {:.4} {:.4}", coat.f0, coat.f90, coat.alpha)?;
         }
+        if let Some(free) = &fit.free {
+            let (log, relative) = (free.log_rms, free.relative_l2);
+            write!(text, "  held to an albedo of 1 (train log {log:.3}, relative {relative:.3} without)")?;
+        }
         writeln!(text)?;
     }
     Ok(())
@@ -171,7 +179,7 @@ fn table_map(fits: &[WavelengthFit], options: &TableOptions) -> SbrdfMap {
     channels.sort_by(|a, b| b.wavelength_nm.total_cmp(&a.wavelength_nm));
     let brdf = match channels[..] {
         [red, green, blue] => table::brdf([red, green, blue]),
-        _ => table::grey(channels[0]),
+        _ => table::coloured(&channels[0].model, Rgb::ONE),
     };
     let mut map = SbrdfMap::from_texels(1, 1, &[brdf]);
     let join = |text: fn(&WavelengthFit) -> String| -> String {

@@ -175,7 +175,7 @@ pub struct Found {
 
 impl Found {
     /// Optimises a model to convergence.
-    fn of(solver: &mut Solver, task: Task, mut model: Model) -> Self {
+    pub fn of(solver: &mut Solver, task: Task, mut model: Model) -> Self {
         let (at, outcome) = minimise(solver, task, task.effort.limits, &mut model);
         let mut left_out = Vec::new();
         if task.choose {

@@ -11,7 +11,7 @@ use super::data::{Data, Poses};
 use super::normal::Amplitudes;
 use super::shape::Family;
 use super::solver::Solver;
-use super::start::{Bank, Effort, Search, Task};
+use super::start::{Bank, Effort, Found, Search, Task};
 use super::uncertainty::{self, Sigma};
 use crate::reflectance::{LobeBrdf, Rgb};
 use crate::sampled::SampledSbrdf;
@@ -91,6 +91,25 @@ impl WithSimd for Squares<'_> {
     }
 }
 
+/// The channels that are fitted together.
+pub fn channel_groups(options: &FitOptions) -> &'static [&'static [usize]] {
+    if options.separate_channels { &[&[0], &[1], &[2]] } else { &[&[0, 1, 2]] }
+}
+
+impl Task {
+    /// Of the fits of both families the one to keep, with its task: isotropic unless the other is better or does with fewer lobes.
+    pub fn better_family(self, anisotropic: Found, isotropic: Found) -> (Self, Model) {
+        let fewer = anisotropic.model.lobes.len() < isotropic.model.lobes.len();
+        let better = choice::is_better(&anisotropic.left_out, &isotropic.left_out);
+        let worse = choice::is_better(&isotropic.left_out, &anisotropic.left_out);
+        if better || fewer && !worse {
+            (Self { family: Family::Anisotropic, ..self }, anisotropic.model)
+        } else {
+            (Self { family: Family::Isotropic, ..self }, isotropic.model)
+        }
+    }
+}
+
 impl Workspace {
     /// Makes the bank of shapes for texels near `index`.
     pub fn settle(&mut self, poses: &Poses, sampled: &SampledSbrdf, index: usize) {
@@ -111,28 +130,24 @@ impl Workspace {
 
     /// Fits the samples that were read. With fewer samples than unknowns fewer lobes are fitted, with none the texel is black.
     pub fn fit(&mut self, options: &FitOptions) -> TexelFit {
+        self.fit_by(options, |workspace, _, task| workspace.search(task))
+    }
+
+    /// As [`Self::fit`] by another search: given the place of a group of channels, at which the samples are aimed, and its task.
+    pub fn fit_by(
+        &mut self,
+        options: &FitOptions,
+        mut search: impl FnMut(&mut Self, usize, Task) -> (Task, Model),
+    ) -> TexelFit {
         let valid = self.solver.data.valid;
-        let lobes = affordable_lobes(valid, options);
-        let fixed = match options.diffuse {
-            Diffuse::Percentile(percentile) if lobes > 0 => Some(self.percentile(percentile)),
-            _ => None,
-        };
-        let groups: &[&[usize]] = if options.separate_channels { &[&[0], &[1], &[2]] } else { &[&[0, 1, 2]] };
-        let task = Task {
-            lobes,
-            family: if options.isotropic { Family::Isotropic } else { Family::Anisotropic },
-            diffuse: fixed.is_none(),
-            effort: Effort::texel(lobes),
-            choose: options.choose,
-        };
+        let fixed = self.fixed_diffuse(options);
         let mut brdf = LobeBrdf { rho_d: fixed.map_or(Rgb::ZERO, rgb), ..LobeBrdf::default() };
         let mut sigma = Sigma::default();
         let (mut error, mut whole) = (0.0, 0.0);
-        for channels in groups {
+        for (place, channels) in channel_groups(options).iter().enumerate() {
             let arch = self.solver.arch;
-            arch.dispatch(Aim(&mut self.solver.data, channels, options.residual, fixed));
-            self.solver.begin();
-            let (task, model) = self.search(task);
+            let task = self.aim(options, channels);
+            let (task, model) = search(self, place, task);
             let at = self.solver.evaluate(task.family, task.diffuse, &model);
             let group = self.brdf(channels, &model, &at);
             brdf.rho_d += group.rho_d;
@@ -145,7 +160,33 @@ impl Workspace {
         }
         let rms = (error / (3 * valid).max(1) as f64).sqrt();
         let relative = if whole > 0.0 { (error / whole).sqrt() } else { 0.0 };
-        TexelFit { brdf, rms, relative, samples: valid, sigma: Some(sigma) }
+        TexelFit { brdf, rms, relative, samples: valid, sigma: Some(sigma), held: false }
+    }
+
+    /// Weights the samples that were read for fitting `channels` together; what is then to be done.
+    pub fn aim(&mut self, options: &FitOptions, channels: &[usize]) -> Task {
+        let fixed = self.fixed_diffuse(options);
+        let arch = self.solver.arch;
+        arch.dispatch(Aim(&mut self.solver.data, channels, options.residual, fixed));
+        self.solver.begin();
+        let lobes = affordable_lobes(self.solver.data.valid, options);
+        Task {
+            lobes,
+            family: if options.isotropic { Family::Isotropic } else { Family::Anisotropic },
+            diffuse: fixed.is_none(),
+            effort: Effort::texel(lobes),
+            choose: options.choose,
+        }
+    }
+
+    /// ρ_d where it is no unknown.
+    fn fixed_diffuse(&self, options: &FitOptions) -> Option<[f64; 3]> {
+        match options.diffuse {
+            Diffuse::Percentile(percentile) if affordable_lobes(self.solver.data.valid, options) > 0 => {
+                Some(self.percentile(percentile))
+            }
+            _ => None,
+        }
     }
 
     /// The model that the search finds, with the task whose family it belongs to: where the number of lobes is a choice, so is isotropy.
@@ -154,12 +195,7 @@ impl Workspace {
         if task.choose && task.family == Family::Anisotropic {
             let isotropic = Task { family: Family::Isotropic, ..task };
             let other = self.search.best(&mut self.solver, &self.bank, isotropic);
-            let fewer = found.model.lobes.len() < other.model.lobes.len();
-            let better = choice::is_better(&found.left_out, &other.left_out);
-            let worse = choice::is_better(&other.left_out, &found.left_out);
-            if !(better || fewer && !worse) {
-                return (isotropic, other.model);
-            }
+            return task.better_family(found, other);
         }
         (task, found.model)
     }

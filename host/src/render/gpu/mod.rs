@@ -60,6 +60,11 @@ impl Gpu {
         format!("{} ({}, {})", info.name, info.backend, info.driver_info.trim())
     }
 
+    /// Whether the adapter computes on the CPU, as Mesa's lavapipe does.
+    pub(crate) fn is_software(&self) -> bool {
+        self.adapter.get_info().device_type == wgpu::DeviceType::Cpu
+    }
+
     /// The first of `wanted` (a format and a number of samples) that can be drawn to, resolved and copied.
     pub(crate) fn target(&self, wanted: &[(wgpu::TextureFormat, u32)]) -> Option<(wgpu::TextureFormat, u32)> {
         let usages = wgpu::TextureUsages::RENDER_ATTACHMENT | wgpu::TextureUsages::COPY_SRC;
@@ -213,7 +218,8 @@ impl Gpu {
             let _ = sender.send(result);
         });
         self.wait()?;
-        match receiver.try_recv() {
+        // Another thread that waits for its own work may be the one that calls back.
+        match receiver.recv() {
             Ok(Ok(())) => {}
             Ok(Err(error)) => return Err(fault("its work cannot be read back", error)),
             Err(_) => return Err(fault("its work cannot be read back", "the device does not answer")),

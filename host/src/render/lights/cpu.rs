@@ -19,6 +19,17 @@ use crate::scene::Scene;
 /// # Errors
 /// Input errors for a scene that [`Scene::check`] refuses and for settings that [`Settings`] refuses.
 pub fn render(scene: &Scene, settings: &Settings) -> Result<Picture> {
+    render_with(scene, settings, &|_, _| Rgb::ZERO)
+}
+
+/// Light from afar that a texel reflects.
+pub(crate) type Distant<'a> = dyn Fn(&Surface, &Shader) -> Rgb + Sync + 'a;
+
+/// The same with light from afar.
+///
+/// # Errors
+/// Those of [`render`].
+pub(crate) fn render_with(scene: &Scene, settings: &Settings, distant: &Distant<'_>) -> Result<Picture> {
     let scene = settings.scene(scene)?;
     let twin = Twin {
         settings,
@@ -27,6 +38,7 @@ pub fn render(scene: &Scene, settings: &Settings) -> Result<Picture> {
         lamps: shading::lamps(&scene.lights, super::POINTS_ACROSS),
         rays: Rays::new(&scene.camera),
         scene: &scene,
+        distant,
     };
     let (width, height) = (scene.camera.width as usize, scene.camera.height as usize);
     let mut pixels = vec![Vec4::ZERO; width * height];
@@ -44,6 +56,7 @@ struct Twin<'a> {
     materials: Materials,
     lamps: Vec<Lamp>,
     rays: Rays,
+    distant: &'a Distant<'a>,
 }
 
 impl Twin<'_> {
@@ -114,10 +127,11 @@ impl Twin<'_> {
 
     /// Radiance reflected from all lights.
     fn reflect(&self, surface: &Surface, shader: &Shader) -> Rgb {
-        shading::reflect_lights(&self.lamps, surface, shader, |seen: &Seen| {
+        let near = shading::reflect_lights(&self.lamps, surface, shader, |seen: &Seen| {
             !self.settings.shadows
                 || surface.geometric.dot(seen.toward) > 0.0
                     && !self.geometry.occluded(surface, seen.toward, seen.distance)
-        })
+        });
+        near + (self.distant)(surface, shader)
     }
 }

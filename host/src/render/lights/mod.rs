@@ -126,7 +126,7 @@ impl Settings {
     /// # Errors
     /// Those of [`Renderer::prepare`] and of [`Prepared::view`].
     pub fn frame_seconds(&self, scene: &Scene, rounds: u32, frames: u32) -> Result<(f64, String)> {
-        let lights = Lights::new(self, scene)?;
+        let lights = Lights::new(self, scene, Gpu::open()?, None)?;
         lights.check(&scene.camera)?;
         let seconds =
             lights.gpu.guarded(|| lights.pass.frame_seconds(&lights.gpu, &scene.camera, rounds, frames));
@@ -152,12 +152,19 @@ fn projection(camera: &Camera) -> Mat4 {
 
 impl Renderer for Settings {
     fn prepare<'a>(&self, scene: &'a Scene) -> Result<Box<dyn Prepared + 'a>> {
-        Ok(Box::new(Lights::new(self, scene)?))
+        Ok(Box::new(Lights::new(self, scene, Gpu::open()?, None)?))
     }
 }
 
+/// Light from afar: WGSL that is appended to shaders/lights.wgsl and defines `distant_of`, and what it reads as group 1, the
+/// first a uniform, the others storage.
+pub(super) struct Distant {
+    pub(super) shader: &'static str,
+    pub(super) buffers: [wgpu::Buffer; 4],
+}
+
 /// A scene on the GPU.
-struct Lights<'a> {
+pub(super) struct Lights<'a> {
     scene: &'a Scene,
     gpu: Gpu,
     pass: pipeline::Pass,
@@ -166,13 +173,29 @@ struct Lights<'a> {
 }
 
 impl<'a> Lights<'a> {
-    fn new(settings: &Settings, scene: &'a Scene) -> Result<Self> {
+    /// Uploads a scene.
+    ///
+    /// # Errors
+    /// Input errors for the scene and the settings, failures of the device.
+    pub(super) fn new(
+        settings: &Settings,
+        scene: &'a Scene,
+        gpu: Gpu,
+        distant: Option<Distant>,
+    ) -> Result<Self> {
         let start = Instant::now();
-        let gpu = Gpu::open()?;
         let uploads = Uploads::new(&settings.scene(scene)?, settings)?;
-        let pass = gpu.guarded(|| pipeline::Pass::new(&gpu, &uploads, settings))?;
-        let bytes = uploads.bytes();
+        let more: u64 = distant.iter().flat_map(|distant| &distant.buffers).map(wgpu::Buffer::size).sum();
+        let pass = gpu.guarded(|| pipeline::Pass::new(&gpu, &uploads, settings, distant.as_ref()))?;
+        let bytes = uploads.bytes() + more as usize;
         Ok(Self { scene, gpu, pass, bytes, prepare_seconds: start.elapsed().as_secs_f64() })
+    }
+
+    /// Counts what was done before the upload as well.
+    #[must_use]
+    pub(super) fn since(mut self, start: Instant) -> Self {
+        self.prepare_seconds = start.elapsed().as_secs_f64();
+        self
     }
 
     /// Refuses views that cannot be drawn.

@@ -7,7 +7,7 @@ use glam::Vec4;
 use wgpu::{BufferUsages, TextureFormat, TextureUsages};
 
 use super::upload::{Uploads, View};
-use super::{Filtering, Settings};
+use super::{Distant, Filtering, Settings};
 use crate::error::{Error, Result};
 use crate::render::gpu::Gpu;
 use crate::render::storage::Storage;
@@ -15,6 +15,8 @@ use crate::scene::Camera;
 
 /// The shader, shared with the browser.
 const SHADER: &str = include_str!("../../../../shaders/lights.wgsl");
+/// Where there is no light from afar.
+const NOT_DISTANT: &str = "fn distant_of(object: u32, footprint: Footprint, frame: mat3x3f, wo: vec3f) -> vec3f { return vec3f(0.0); }";
 const DEPTH: TextureFormat = TextureFormat::Depth32Float;
 /// Numbers of samples that adapters may have, from the most down.
 const SAMPLES: [u32; 5] = [16, 8, 4, 2, 1];
@@ -24,6 +26,8 @@ pub(super) struct Pass {
     /// For objects that are whole, and for those with a mask.
     pipelines: [wgpu::RenderPipeline; 2],
     layout: wgpu::BindGroupLayout,
+    /// What light from afar reads.
+    distant: Option<wgpu::BindGroup>,
     /// What the shader reads, but for the view.
     buffers: [wgpu::Buffer; 8],
     lamps: usize,
@@ -44,7 +48,12 @@ struct Targets {
 
 impl Pass {
     /// Uploads a scene and builds the pipelines for as many samples a pixel as wanted, or the most below that the adapter can.
-    pub(super) fn new(gpu: &Gpu, uploads: &Uploads, settings: &Settings) -> Result<Self> {
+    pub(super) fn new(
+        gpu: &Gpu,
+        uploads: &Uploads,
+        settings: &Settings,
+        distant: Option<&Distant>,
+    ) -> Result<Self> {
         let wanted: Vec<_> = (SAMPLES.into_iter().filter(|&samples| samples <= settings.samples))
             .flat_map(|samples| {
                 [(TextureFormat::Rgba32Float, samples), (TextureFormat::Rgba16Float, samples)]
@@ -53,10 +62,13 @@ impl Pass {
         let (format, samples) =
             gpu.target(&wanted).ok_or_else(|| Error::failure("GPU: it cannot draw to float textures"))?;
         let storage = BufferUsages::STORAGE;
-        let layout = layout(gpu);
+        let mut layouts = vec![layout(gpu, 9)];
+        layouts.extend(distant.map(|distant| layout(gpu, distant.buffers.len() as u32)));
+        let shader = distant.map_or(NOT_DISTANT, |distant| distant.shader);
         Ok(Self {
-            pipelines: pipelines(gpu, &layout, (format, samples), settings),
-            layout,
+            pipelines: pipelines(gpu, &layouts, (format, samples), settings, shader),
+            distant: distant.map(|distant| bind(gpu, &layouts[1], distant.buffers.iter())),
+            layout: layouts.swap_remove(0),
             buffers: [
                 gpu.buffer("lamps", &uploads.lamps, storage)?,
                 gpu.buffer("materials", &uploads.materials, storage)?,
@@ -100,15 +112,7 @@ impl Pass {
             offset: Vec4::splat(self.offset),
         };
         let view = gpu.buffer("view", &[view], BufferUsages::UNIFORM)?;
-        let entries: Vec<_> = (0u32..)
-            .zip(std::iter::once(&view).chain(&self.buffers))
-            .map(|(binding, buffer)| wgpu::BindGroupEntry { binding, resource: buffer.as_entire_binding() })
-            .collect();
-        Ok(gpu.device.create_bind_group(&wgpu::BindGroupDescriptor {
-            label: Some("lights"),
-            layout: &self.layout,
-            entries: &entries,
-        }))
+        Ok(bind(gpu, &self.layout, std::iter::once(&view).chain(&self.buffers)))
     }
 
     /// The textures for a view.
@@ -187,6 +191,9 @@ impl Pass {
             ..Default::default()
         });
         pass.set_bind_group(0, bindings, &[]);
+        if let Some(distant) = &self.distant {
+            pass.set_bind_group(1, distant, &[]);
+        }
         for (object, (run, masked)) in (0u32..).zip(&self.runs) {
             pass.set_pipeline(&self.pipelines[usize::from(*masked)]);
             // The instance's number tells the shader which material to take.
@@ -197,8 +204,25 @@ impl Pass {
     }
 }
 
-/// The view, then what else the shader reads.
-fn layout(gpu: &Gpu) -> wgpu::BindGroupLayout {
+/// Whole buffers as a group, in the order of their bindings.
+fn bind<'a>(
+    gpu: &Gpu,
+    layout: &wgpu::BindGroupLayout,
+    buffers: impl Iterator<Item = &'a wgpu::Buffer>,
+) -> wgpu::BindGroup {
+    let entries: Vec<_> = (0u32..)
+        .zip(buffers)
+        .map(|(binding, buffer)| wgpu::BindGroupEntry { binding, resource: buffer.as_entire_binding() })
+        .collect();
+    gpu.device.create_bind_group(&wgpu::BindGroupDescriptor {
+        label: Some("lights"),
+        layout,
+        entries: &entries,
+    })
+}
+
+/// A uniform, then storage to read, `count` in all.
+fn layout(gpu: &Gpu, count: u32) -> wgpu::BindGroupLayout {
     let entry = |binding| wgpu::BindGroupLayoutEntry {
         binding,
         visibility: wgpu::ShaderStages::VERTEX_FRAGMENT,
@@ -214,24 +238,25 @@ fn layout(gpu: &Gpu) -> wgpu::BindGroupLayout {
     };
     gpu.device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor {
         label: Some("lights"),
-        entries: &std::array::from_fn::<_, 9, _>(|binding| entry(binding as u32)),
+        entries: &(0..count).map(entry).collect::<Vec<_>>(),
     })
 }
 
 /// The pipelines for a target's format and samples: for objects that are whole, and for those with a mask.
 fn pipelines(
     gpu: &Gpu,
-    layout: &wgpu::BindGroupLayout,
+    layouts: &[wgpu::BindGroupLayout],
     (format, samples): (TextureFormat, u32),
     settings: &Settings,
+    distant: &str,
 ) -> [wgpu::RenderPipeline; 2] {
     let module = gpu.device.create_shader_module(wgpu::ShaderModuleDescriptor {
         label: Some("lights.wgsl"),
-        source: wgpu::ShaderSource::Wgsl(SHADER.into()),
+        source: wgpu::ShaderSource::Wgsl(format!("{SHADER}\n{distant}").into()),
     });
     let layout = gpu.device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
         label: Some("lights"),
-        bind_group_layouts: &[Some(layout)],
+        bind_group_layouts: &layouts.iter().map(Some).collect::<Vec<_>>(),
         ..Default::default()
     });
     let flag = |value: bool| f64::from(u8::from(value));
