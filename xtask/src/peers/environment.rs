@@ -13,11 +13,16 @@ const CMGEN: &str = "libfilament-tools";
 /// Filters one sky by both, and prints times and errors.
 pub(super) fn task() -> Result<()> {
     run(Command::new("cargo").args(["build", "--release", "--quiet", "--package", "lobelia"]))?;
-    let there = || Command::new("cmgen").arg("--help").output().is_ok();
-    if !there() && !(packages::can_install() && packages::install(&[CMGEN], None) && there()) {
-        bail!("no cmgen; on Debian: sudo apt-get install {CMGEN}");
-    }
+    ensure_cmgen()?;
     let python = python::venv(&["numpy", "OpenEXR"])?;
     let script = "tests/peers/environment/peer.py";
     run(Command::new(python).args([script, "target/release/lobelia", "cmgen", "target/peers/environment"]))
+}
+
+fn ensure_cmgen() -> Result<()> {
+    let there = || Command::new("cmgen").arg("--help").output().is_ok();
+    if there() || (packages::can_install() && packages::install(&[CMGEN], None) && there()) {
+        return Ok(());
+    }
+    bail!("no cmgen; on Debian: sudo apt-get install {CMGEN}")
 }
