@@ -308,7 +308,7 @@ fn fit_blocks(sampled: &SampledSbrdf, options: &FitOptions, done: &(impl Fn() + 
             workspace.settle(&poses, sampled, texels.clone().nth(texels.clone().count() / 2).unwrap_or(0));
             let fits = texels.map(|index| {
                 workspace.load(&poses, sampled, index);
-                let fit = workspace.fit(options);
+                let fit = workspace.fit_next(options, index % width % BLOCK);
                 done();
                 fit
             });

@@ -11,7 +11,7 @@ use super::data::{Data, Poses};
 use super::normal::Amplitudes;
 use super::shape::Family;
 use super::solver::Solver;
-use super::start::{Bank, Effort, Search, Task};
+use super::start::{self, Bank, Effort, Found, Known, Search, Task};
 use super::uncertainty::{self, Sigma};
 use crate::reflectance::{LobeBrdf, Rgb};
 use crate::sampled::SampledSbrdf;
@@ -24,7 +24,14 @@ pub struct Workspace {
     /// Shapes for the block of texels at hand.
     pub bank: Bank,
     search: Search,
+    /// What was found at the last texel of every column of the block.
+    columns: Vec<Vec<Trail>>,
+    /// Texels of the block that started from a neighbour, and those of them that did not have to search after all.
+    followed: [usize; 2],
 }
+
+/// What was found for channels that are fitted together: models of the task's own family, and isotropic ones where there is a choice.
+type Trail = [Vec<Known>; 2];
 
 /// Reading a texel's samples, as vector code.
 struct Load<'a>(&'a mut Data, &'a Poses, &'a SampledSbrdf, usize);
@@ -91,11 +98,16 @@ impl WithSimd for Squares<'_> {
     }
 }
 
+/// One texel in so many starts from a neighbour where that seldom succeeds.
+const SELDOM: usize = 4;
+
 impl Workspace {
     /// Makes the bank of shapes for texels near `index`.
     pub fn settle(&mut self, poses: &Poses, sampled: &SampledSbrdf, index: usize) {
         self.solver.data.look(poses, sampled.position_mm(index));
         self.bank.fill(&self.solver.data.products, self.solver.data.cone);
+        self.columns.clear();
+        self.followed = [0; 2];
     }
 
     /// Reads the samples of texel `index`.
@@ -109,8 +121,25 @@ impl Workspace {
         self.bank.fill(&self.solver.data.products, self.solver.data.cone);
     }
 
+    /// Fits the samples that were read, of the texel that follows in the block's order, row by row; `column` is its place in the row. It
+    /// starts from what was found left of it and above it, and searches where that does not lead to as good a fit.
+    pub fn fit_next(&mut self, options: &FitOptions, column: usize) -> TexelFit {
+        let mut columns = std::mem::take(&mut self.columns);
+        let sides = [column.checked_sub(1).and_then(|left| columns.get(left)), columns.get(column), columns.get(column + 1)];
+        let near: Vec<&Vec<Trail>> = sides.into_iter().flatten().collect();
+        let (fit, trails) = self.fit_near(options, &near);
+        columns.resize_with(columns.len().max(column + 1), Vec::new);
+        columns[column] = trails;
+        self.columns = columns;
+        fit
+    }
+
     /// Fits the samples that were read. With fewer samples than unknowns fewer lobes are fitted, with none the texel is black.
     pub fn fit(&mut self, options: &FitOptions) -> TexelFit {
+        self.fit_near(options, &[]).0
+    }
+
+    fn fit_near(&mut self, options: &FitOptions, near: &[&Vec<Trail>]) -> (TexelFit, Vec<Trail>) {
         let valid = self.solver.data.valid;
         let lobes = affordable_lobes(valid, options);
         let fixed = match options.diffuse {
@@ -128,16 +157,19 @@ impl Workspace {
         let mut brdf = LobeBrdf { rho_d: fixed.map_or(Rgb::ZERO, rgb), ..LobeBrdf::default() };
         let mut sigma = Sigma::default();
         let (mut error, mut whole) = (0.0, 0.0);
-        for channels in groups {
+        let mut trails = Vec::with_capacity(groups.len());
+        for (group, channels) in groups.iter().enumerate() {
             let arch = self.solver.arch;
             arch.dispatch(Aim(&mut self.solver.data, channels, options.residual, fixed));
             self.solver.begin();
-            let (task, model) = self.search(task);
+            let near: Vec<&Trail> = near.iter().filter_map(|trails| trails.get(group)).collect();
+            let (task, model, trail) = self.search(task, &near);
+            trails.push(trail);
             let at = self.solver.evaluate(task.family, task.diffuse, &model);
-            let group = self.brdf(channels, &model, &at);
-            brdf.rho_d += group.rho_d;
-            brdf.beta = group.beta;
-            brdf.lobes.extend(group.lobes);
+            let part = self.brdf(channels, &model, &at);
+            brdf.rho_d += part.rho_d;
+            brdf.beta = part.beta;
+            brdf.lobes.extend(part.lobes);
             let of_group = uncertainty::sigma(&self.solver, task.family, task.diffuse, &model, &at);
             sigma.take(channels, of_group, model.beta);
             let squares = arch.dispatch(Squares(&self.solver, &at, channels, model.lobes.len()));
@@ -145,23 +177,49 @@ impl Workspace {
         }
         let rms = (error / (3 * valid).max(1) as f64).sqrt();
         let relative = if whole > 0.0 { (error / whole).sqrt() } else { 0.0 };
-        TexelFit { brdf, rms, relative, samples: valid, sigma: Some(sigma) }
+        (TexelFit { brdf, rms, relative, samples: valid, sigma: Some(sigma) }, trails)
     }
 
-    /// The model that the search finds, with the task whose family it belongs to: where the number of lobes is a choice, so is isotropy.
-    fn search(&mut self, task: Task) -> (Task, Model) {
-        let found = self.search.best(&mut self.solver, &self.bank, task);
-        if task.choose && task.family == Family::Anisotropic {
-            let isotropic = Task { family: Family::Isotropic, ..task };
-            let other = self.search.best(&mut self.solver, &self.bank, isotropic);
-            let fewer = found.model.lobes.len() < other.model.lobes.len();
-            let better = choice::is_better(&found.left_out, &other.left_out);
-            let worse = choice::is_better(&other.left_out, &found.left_out);
-            if !(better || fewer && !worse) {
-                return (isotropic, other.model);
+    /// The model that is found, with the task whose family it belongs to: where the number of lobes is a choice, so is isotropy.
+    fn search(&mut self, task: Task, near: &[&Trail]) -> (Task, Model, Trail) {
+        let of = |family: usize| near.iter().map(|trail| &trail[family][..]).collect::<Vec<_>>();
+        let found = self.follow_or_search(task, &of(0));
+        if !task.choose || task.family != Family::Anisotropic {
+            return (task, found.model, [found.known, Vec::new()]);
+        }
+        let isotropic = Task { family: Family::Isotropic, ..task };
+        let other = self.follow_or_search(isotropic, &of(1));
+        let fewer = found.model.lobes.len() < other.model.lobes.len();
+        let better = choice::is_better(&found.left_out, &other.left_out);
+        let worse = choice::is_better(&other.left_out, &found.left_out);
+        let trail = [found.known, other.known];
+        if better || fewer && !worse { (task, found.model, trail) } else { (isotropic, other.model, trail) }
+    }
+
+    /// From the neighbour whose shapes describe this texel best, or else from the bank.
+    fn follow_or_search(&mut self, task: Task, near: &[&[Known]]) -> Found {
+        let Self { solver, bank, search, followed: [tried, succeeded], .. } = self;
+        // Where neighbours have little in common, few texels try.
+        let worth_it = 2 * *succeeded >= *tried || *tried % SELDOM == 0;
+        let mut start: Option<(f64, &[Known])> = None;
+        for known in near.iter().filter(|_| worth_it) {
+            let Some(last) = known.last() else { continue };
+            let mut model = last.model.clone();
+            solver.refer(&mut model);
+            let cost = if near.len() > 1 { solver.evaluate(task.family, task.diffuse, &model).cost } else { 0.0 };
+            if start.is_none_or(|(least, _)| cost < least) {
+                start = Some((cost, known));
             }
         }
-        (task, found.model)
+        *tried += usize::from(!near.is_empty());
+        if let Some((_, known)) = start
+            && let Some(found) = start::follow(solver, task, known)
+        {
+            *succeeded += 1;
+            return found;
+        }
+        let effort = if near.is_empty() { Effort::thorough(task.lobes) } else { task.effort };
+        search.best(solver, bank, Task { effort, ..task })
     }
 
     /// The BRDF of the channels that were fitted together.
