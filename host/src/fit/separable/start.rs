@@ -13,7 +13,7 @@ use super::super::model::{Model, ModelLobe, isotropic_c};
 use super::choice;
 use super::columns::{CHANNELS, MOST_LOBES, WIDTH};
 use super::data::Products;
-use super::normal::{Amplitudes, LINEAR};
+use super::normal::{Amplitudes, LINEAR, Layout};
 use super::shape::{self, Family};
 use super::solver::Solver;
 
@@ -53,48 +53,74 @@ impl Effort {
 const DIRECTIONS: usize = 24;
 /// Exponents 1, 2, 4, …
 const EXPONENTS: usize = 10;
+/// Poses with the largest residuals, of which each proposes a direction.
+const RIDGE: usize = 8;
 /// Rows a direction: the exponents and the square of the last.
 const ROWS: usize = EXPONENTS + 1;
 
-/// Shapes of the bank at every pose.
+/// Shapes of some directions of C at every pose.
 #[derive(Debug, Clone, Default)]
 pub struct Bank {
-    /// [seen direction][exponent][pose].
+    /// [direction][exponent][pose].
     shapes: Vec<f32>,
-    /// Directions with a base that is positive somewhere, by their place on the circle.
-    seen: Vec<usize>,
+    /// Directions with a base that is positive somewhere, by their angle on the circle.
+    angles: Vec<f64>,
     count: usize,
 }
 
 impl Bank {
-    fn angle(direction: usize) -> f64 {
-        (direction as f64 + 0.5) / DIRECTIONS as f64 * std::f64::consts::TAU
+    /// Computes the shapes of directions all round the circle for the products at one place.
+    pub fn fill(&mut self, products: &Products, cone: [f64; 2]) {
+        let angle = |direction: usize| (direction as f64 + 0.5) / DIRECTIONS as f64 * std::f64::consts::TAU;
+        self.fill_with((0..DIRECTIONS).map(angle), products, cone);
     }
 
-    /// Computes the shapes for the products at one place.
-    pub fn fill(&mut self, products: &Products, cone: [f64; 2]) {
+    /// Computes the shapes of directions by their angles.
+    fn fill_with(&mut self, angles: impl Iterator<Item = f64>, products: &Products, cone: [f64; 2]) {
         self.count = products.plane.len();
-        self.seen.clear();
+        self.angles.clear();
         self.shapes.clear();
-        for direction in 0..DIRECTIONS {
-            let lobe = ModelLobe::unit(isotropic_c(Self::angle(direction)), 1.0).within(cone);
+        for angle in angles {
+            let lobe = ModelLobe::unit(isotropic_c(angle), 1.0).within(cone);
             let (plane, zz) = (lobe.c.x / lobe.reference, lobe.c.z / lobe.reference);
-            let base = |k: usize| (plane * products.plane[k] + zz * products.zz[k]).clamp(0.0, 4.0) as f32;
-            if (0..self.count).all(|k| base(k) <= 0.0) {
+            let start = self.shapes.len();
+            let bases = products.plane.iter().zip(&products.zz);
+            self.shapes.extend(bases.map(|(p, z)| (plane * p + zz * z).clamp(0.0, 4.0) as f32));
+            if self.shapes[start..].iter().all(|&base| base <= 0.0) {
+                self.shapes.truncate(start);
                 continue;
             }
-            self.seen.push(direction);
-            self.shapes.extend((0..self.count).map(base));
+            self.angles.push(angle);
             for _ in 1..ROWS {
                 let from = self.shapes.len() - self.count;
-                for k in from..from + self.count {
-                    let root = self.shapes[k];
+                self.shapes.extend_from_within(from..);
+                for root in &mut self.shapes[from + self.count..] {
                     // Without denormal numbers, which are slow, and without infinities.
-                    self.shapes.push(if root < 1e-15 { 0.0 } else { (root * root).min(1e9) });
+                    *root = if *root < 1e-15 { 0.0 } else { (*root * *root).min(1e9) };
                 }
             }
         }
     }
+}
+
+/// The directions of which the highlight is brightest at some poses, as vector code.
+struct FillRidge<'a>(&'a mut Bank, &'a [f64], &'a Products, [f64; 2]);
+
+impl WithSimd for FillRidge<'_> {
+    type Output = ();
+    #[inline(always)]
+    fn with_simd<S: pulp::Simd>(self, _: S) {
+        self.0.fill_with(self.1.iter().copied(), self.2, self.3);
+    }
+}
+
+/// The angle of the C that sends light from a pose's light straight to its camera: cosθ_i C ω_i is then along ω_o as far as the plane of
+/// incidence goes. None near normal incidence, which tells nothing about C.
+fn ridge_angle(products: &Products, pose: usize) -> Option<f64> {
+    let [cos_i, cos_o] = [0, 1].map(|side: usize| products.cos[side][pose]);
+    let sin2_i = 1.0 - cos_i * cos_i;
+    let across = products.plane[pose] * cos_i * std::f64::consts::SQRT_2;
+    (sin2_i > 0.01).then(|| across.atan2(cos_o * sin2_i))
 }
 
 /// Σ a b, in sixteen partial sums.
@@ -130,6 +156,8 @@ pub struct Search {
     /// Products of the bank's rows with those lists, [row][list].
     products: Vec<f32>,
     scores: Vec<f32>,
+    /// Shapes of the directions that the largest residuals propose.
+    ridge: Bank,
 }
 
 /// The products of all rows of the bank with some lists, as vector code.
@@ -216,10 +244,10 @@ fn level(solver: &Solver, at: &Amplitudes) -> f64 {
     at.cost / solver.data.valid.max(1) as f64
 }
 
-/// A start from a neighbour has led to as good a fit as a search would if its cost is at most so many times what the search came
-/// to there. The cost of 600 samples with nothing but noise scatters by 6 %.
-const AS_GOOD: f64 = 1.15;
-const LOW: f64 = 1.25;
+/// A start from a neighbour has led to as good a fit as a search would if its cost is within this range of what the search came to
+/// there. The cost of 600 samples with nothing but noise scatters by 6 %; a cost far lower is that of another material, of
+/// which the neighbour's search tells nothing.
+const AS_GOOD: std::ops::RangeInclusive<f64> = 0.8..=1.15;
 
 /// The fit from the shapes that were found nearby, as [`Search::best`] makes it from the bank; none where it is no better than it
 /// might be, or where the neighbour does not tell whether more lobes are supported.
@@ -227,8 +255,7 @@ pub fn follow(solver: &mut Solver, task: Task, near: &[Known]) -> Option<Found> 
     let mut known = Vec::with_capacity(near.len());
     let mut reach = |solver: &mut Solver, start: &Known| {
         let found = Found::of(solver, task, start.model.clone());
-        let ratio = level(solver, &found.at) / start.level;
-        let good = ratio <= AS_GOOD && ratio * LOW >= 1.0;
+        let good = AS_GOOD.contains(&(level(solver, &found.at) / start.level));
         known.push(Known { model: found.model.clone(), level: start.level });
         good.then_some(found)
     };
@@ -329,33 +356,54 @@ impl Search {
         at: &Amplitudes,
         found: &mut Vec<Candidate>,
     ) {
+        self.list(solver, task, model, at);
         self.score(solver, bank, task, model, at);
-        let mut maxima: Vec<usize> = (0..self.scores.len()).filter(|&i| self.is_maximum(bank, i)).collect();
-        maxima.sort_by(|&a, &b| self.scores[b].total_cmp(&self.scores[a]).then(a.cmp(&b)));
-        for &index in maxima.iter().take(task.effort.tries) {
-            let (place, exponent) = (index / EXPONENTS, index % EXPONENTS);
-            let c = isotropic_c(Bank::angle(bank.seen[place]));
+        let starts = (0..self.scores.len()).filter(|&i| self.is_maximum(bank, i));
+        let mut starts: Vec<(f32, f64, usize)> =
+            starts.map(|i| (self.scores[i], bank.angles[i / EXPONENTS], i % EXPONENTS)).collect();
+        starts.extend(self.best_of_ridge(solver, task, model, at));
+        starts.sort_by(|a, b| b.0.total_cmp(&a.0));
+        for &(_, angle, exponent) in starts.iter().take(task.effort.tries) {
             let mut model = model.clone();
-            model.lobes.push(ModelLobe::unit(c, f64::from(1u32 << exponent)));
+            model.lobes.push(ModelLobe::unit(isotropic_c(angle), f64::from(1u32 << exponent)));
             found.push(Candidate { cost: f64::INFINITY, model });
         }
     }
 
-    /// How much each shape of the bank would lower the cost beside the model's, to first order; −∞ where it adds nothing.
-    fn score(&mut self, solver: &Solver, bank: &Bank, task: Task, model: &Model, at: &Amplitudes) {
-        let (columns, count) = (&solver.columns, bank.count);
+    /// The best lobe, with its score, whose highlight passes through one of the poses with the largest residuals. The directions of the
+    /// bank lie too far apart for sharp highlights that few poses meet.
+    fn best_of_ridge(
+        &mut self,
+        solver: &Solver,
+        task: Task,
+        model: &Model,
+        at: &Amplitudes,
+    ) -> Option<(f32, f64, usize)> {
+        let products = &solver.data.products;
+        let residuals = &self.lists[..products.plane.len()];
+        let mut largest: Vec<usize> = (0..residuals.len()).filter(|&k| residuals[k] > 0.0).collect();
+        let by_size = |&a: &usize, &b: &usize| residuals[b].total_cmp(&residuals[a]).then(a.cmp(&b));
+        if largest.len() > RIDGE {
+            largest.select_nth_unstable_by(RIDGE, by_size);
+            largest.truncate(RIDGE);
+        }
+        largest.sort_by(by_size);
+        let angles: Vec<f64> = largest.into_iter().filter_map(|k| ridge_angle(products, k)).collect();
+        let mut ridge = std::mem::take(&mut self.ridge);
+        solver.arch.dispatch(FillRidge(&mut ridge, &angles, products, solver.data.cone));
+        self.score(solver, &ridge, task, model, at);
+        let scores = self.scores.iter().enumerate().filter(|(_, score)| score.is_finite());
+        let best = scores.max_by(|a, b| a.1.total_cmp(b.1));
+        let best = best.map(|(i, &score)| (score, ridge.angles[i / EXPONENTS], i % EXPONENTS));
+        self.ridge = ridge;
+        best
+    }
+
+    /// Makes the lists that shapes are multiplied with: residual, weight, the shapes of the set.
+    fn list(&mut self, solver: &Solver, task: Task, model: &Model, at: &Amplitudes) {
+        let (columns, count) = (&solver.columns, solver.data.len());
         let layout = solver.layout(task.family, task.diffuse, model);
         let channels = layout.channels;
-        let mut members = [0; LINEAR];
-        let mut known = 0;
-        for unknown in 0..=layout.lobes {
-            if (0..channels).any(|channel| at.free[channel][unknown]) {
-                members[known] = unknown;
-                known += 1;
-            }
-        }
-        let members = &members[..known];
-        // Lists: residual, weight, the shapes of the set.
         let root = columns.column(0);
         self.lists.clear();
         self.lists.extend((0..count).map(|k| {
@@ -372,10 +420,18 @@ impl Search {
             (root[k] * rest) as f32
         }));
         self.lists.extend(root.iter().map(|root| (root * root) as f32));
-        for &unknown in members.iter().filter(|&&unknown| unknown > 0) {
+        for &unknown in members(layout, at).0.iter().filter(|&&unknown| unknown > 0) {
             let shape = columns.column(layout.column(unknown));
             self.lists.extend(shape.iter().zip(root).map(|(shape, root)| (shape * root) as f32));
         }
+    }
+
+    /// How much each shape of the bank would lower the cost beside the model's, to first order; −∞ where it adds nothing. The lists are made.
+    fn score(&mut self, solver: &Solver, bank: &Bank, task: Task, model: &Model, at: &Amplitudes) {
+        let count = bank.count;
+        let layout = solver.layout(task.family, task.diffuse, model);
+        let (members, known) = members(layout, at);
+        let members = &members[..known];
         let lists = self.lists.len() / count.max(1);
         let products = Products32 { rows: &bank.shapes, lists: &self.lists, count, out: &mut self.products };
         solver.arch.dispatch(products);
@@ -389,7 +445,7 @@ impl Search {
         }
         let regular = linear::factor(&mut factor[..known * known], known);
         self.scores.clear();
-        for place in 0..bank.seen.len() {
+        for place in 0..bank.angles.len() {
             for exponent in 0..EXPONENTS {
                 let row = &self.products[(place * ROWS + exponent) * lists..][..lists];
                 // The square of a shape is the next row of the bank.
@@ -415,7 +471,7 @@ impl Search {
     }
 
     fn is_maximum(&self, bank: &Bank, index: usize) -> bool {
-        let (score, directions) = (self.scores[index], bank.seen.len());
+        let (score, directions) = (self.scores[index], bank.angles.len());
         let (place, exponent) = (index / EXPONENTS, index % EXPONENTS);
         let at = |place: usize, exponent: usize| self.scores[place % directions * EXPONENTS + exponent];
         score.is_finite()
@@ -424,6 +480,19 @@ impl Search {
             && (directions < 2 || score >= at(place + directions - 1, exponent))
             && (directions < 2 || score > at(place + 1, exponent))
     }
+}
+
+/// The linear unknowns that are free in any channel, filled up with zeros, and how many they are.
+fn members(layout: Layout, at: &Amplitudes) -> ([usize; LINEAR], usize) {
+    let mut members = [0; LINEAR];
+    let mut known = 0;
+    for unknown in 0..=layout.lobes {
+        if (0..layout.channels).any(|channel| at.free[channel][unknown]) {
+            members[known] = unknown;
+            known += 1;
+        }
+    }
+    (members, known)
 }
 
 /// Optimises within the task's family. An anisotropic fit of lobes that are still isotropic first finds their direction.

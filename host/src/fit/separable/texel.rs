@@ -125,7 +125,11 @@ impl Workspace {
     /// starts from what was found left of it and above it, and searches where that does not lead to as good a fit.
     pub fn fit_next(&mut self, options: &FitOptions, column: usize) -> TexelFit {
         let mut columns = std::mem::take(&mut self.columns);
-        let sides = [column.checked_sub(1).and_then(|left| columns.get(left)), columns.get(column), columns.get(column + 1)];
+        let sides = [
+            column.checked_sub(1).and_then(|left| columns.get(left)),
+            columns.get(column),
+            columns.get(column + 1),
+        ];
         let near: Vec<&Vec<Trail>> = sides.into_iter().flatten().collect();
         let (fit, trails) = self.fit_near(options, &near);
         columns.resize_with(columns.len().max(column + 1), Vec::new);
@@ -175,6 +179,11 @@ impl Workspace {
             let squares = arch.dispatch(Squares(&self.solver, &at, channels, model.lobes.len()));
             (error, whole) = (error + squares.0, whole + squares.1);
         }
+        if let [_] = groups
+            && !options.choose
+        {
+            sigma.lobes.resize(options.lobes, uncertainty::untold(&self.solver));
+        }
         let rms = (error / (3 * valid).max(1) as f64).sqrt();
         let relative = if whole > 0.0 { (error / whole).sqrt() } else { 0.0 };
         (TexelFit { brdf, rms, relative, samples: valid, sigma: Some(sigma) }, trails)
@@ -206,7 +215,8 @@ impl Workspace {
             let Some(last) = known.last() else { continue };
             let mut model = last.model.clone();
             solver.refer(&mut model);
-            let cost = if near.len() > 1 { solver.evaluate(task.family, task.diffuse, &model).cost } else { 0.0 };
+            let cost =
+                if near.len() > 1 { solver.evaluate(task.family, task.diffuse, &model).cost } else { 0.0 };
             if start.is_none_or(|(least, _)| cost < least) {
                 start = Some((cost, known));
             }

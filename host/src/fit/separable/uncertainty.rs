@@ -61,6 +61,14 @@ impl Sigma {
     }
 }
 
+/// The error of n is normal on a logarithmic scale: its standard deviation is stated so that this many of it reach upwards as far as so
+/// many of ln n's.
+const REACH: f64 = 5.0;
+/// A lobe is told from noise where the sum of squares without it would be larger by so many times the noise's variance. The best of
+/// all shapes takes up to about 40 of it from samples that hold nothing but noise.
+const TOLD: f64 = 50.0;
+/// Standard deviation of n over n beyond which it says nothing: shapes far from the one that was found then fit as well.
+const VAGUE: f64 = 0.2;
 /// Standard deviation of an unknown shape about which the samples say nothing.
 const UNTOLD: f64 = 1e3;
 
@@ -115,6 +123,12 @@ impl Covariance {
 /// The standard deviations at a model that was evaluated last, for the channels that were fitted together (in their order).
 pub fn sigma(solver: &Solver, family: Family, diffuse: bool, model: &Model, at: &Amplitudes) -> Sigma {
     let layout = solver.layout(family, diffuse, model);
+    // What is held at the cap of amplitudes is not known any better for that.
+    let mut at = *at;
+    for (free, x) in at.free.iter_mut().flatten().zip(at.x.iter().flatten()) {
+        *free |= *x > 0.0;
+    }
+    let at = &at;
     let normal = normal::normal(&solver.gram, layout, at);
     let free: usize = at.free.iter().take(layout.channels).flatten().filter(|&&free| free).count();
     let freedom = (solver.data.valid * layout.channels).saturating_sub(free + normal.size).max(1);
@@ -130,16 +144,38 @@ pub fn sigma(solver: &Solver, family: Family, diffuse: bool, model: &Model, at: 
         gradient[family.unknown(0, 3, lobes)] = 1.0;
         sigma.beta = (variance * covariance.along(&gradient)).sqrt().min(std::f64::consts::FRAC_PI_4);
     }
+    let mut rise = vec![0.0; lobes];
     for channel in 0..layout.channels {
         let of_channel = of_amplitudes(solver, layout, model, at, channel, &covariance);
-        let deviation = |unknown: usize| (variance * of_channel[unknown]).sqrt() / solver.data.scale[channel];
+        let deviation = |unknown: usize| {
+            let [own, shapes] = of_channel[unknown];
+            (variance * (own + shapes)).sqrt() / solver.data.scale[channel]
+        };
         sigma.rho_d[channel] = deviation(0);
         for (index, lobe) in sigma.lobes.iter_mut().enumerate() {
-            lobe.rho_s[channel] =
-                deviation(1 + index).min(solver.data.most[channel] / solver.data.scale[channel]);
+            lobe.rho_s[channel] = deviation(1 + index).min(most(solver, channel));
+            let [own, _] = of_channel[1 + index];
+            rise[index] += if own > 0.0 { at.x[channel][1 + index].powi(2) / own } else { 0.0 };
+        }
+    }
+    for (index, lobe) in sigma.lobes.iter_mut().enumerate() {
+        if lobe.n > VAGUE * model.lobes[index].n || rise[index] <= TOLD * variance {
+            *lobe = untold(solver);
         }
     }
     sigma
+}
+
+/// The standard deviations of a lobe about which the samples say nothing.
+pub fn untold(solver: &Solver) -> LobeSigma {
+    let channels = solver.data.channels;
+    let rho_s = std::array::from_fn(|k| if k < channels { most(solver, k) } else { 0.0 });
+    LobeSigma { rho_s, c: DVec3::ONE, n: EXPONENTS[1] }
+}
+
+/// Largest amplitude of a lobe.
+fn most(solver: &Solver, channel: usize) -> f64 {
+    solver.data.most[channel] / solver.data.scale[channel]
 }
 
 /// The unknowns that turn a lobe's C, with the derivatives of C and of ln(reference) by them.
@@ -180,8 +216,9 @@ fn of_shape(
         c[axis] = (variance * covariance.along(&gradient)).sqrt().min(1.0);
     }
     let mut gradient = [0.0; UNKNOWNS];
-    gradient[layout.family.unknown(index, 0, layout.lobes)] = lobe.n;
-    (c, (variance * covariance.along(&gradient)).sqrt().min(EXPONENTS[1]))
+    gradient[layout.family.unknown(index, 0, layout.lobes)] = 1.0;
+    let of_ln_n = (variance * covariance.along(&gradient)).sqrt();
+    (c, (lobe.n * ((REACH * of_ln_n).exp() - 1.0) / REACH).min(EXPONENTS[1]))
 }
 
 /// How a channel's free amplitudes follow the samples and the shapes.
@@ -224,7 +261,7 @@ impl Response {
     }
 }
 
-/// Variances of a channel's ρ_d and amplitudes, but for σ² and the channel's scale.
+/// Variances of a channel's ρ_d and amplitudes, but for σ² and the channel's scale: at known shapes, and what the shapes' own add.
 fn of_amplitudes(
     solver: &Solver,
     layout: Layout,
@@ -232,8 +269,8 @@ fn of_amplitudes(
     at: &Amplitudes,
     channel: usize,
     covariance: &Covariance,
-) -> [f64; LINEAR] {
-    let mut variances = [0.0; LINEAR];
+) -> [[f64; 2]; LINEAR] {
+    let mut variances = [[0.0; 2]; LINEAR];
     let Some(Response { members, factor, by_shape }) = Response::new(solver, layout, at, channel) else {
         return variances;
     };
@@ -247,7 +284,7 @@ fn of_amplitudes(
         let mut own = vec![0.0; members.len()];
         own[place] = 1.0;
         linear::substitute(&factor, &mut own);
-        variances[unknown] = own[place] + covariance.along(&gradient);
+        variances[unknown] = [own[place], covariance.along(&gradient)];
     }
     variances
 }
