@@ -76,6 +76,7 @@ impl Bank {
     }
 
     /// Computes the shapes of directions by their angles.
+    #[inline(always)]
     fn fill_with(&mut self, angles: impl Iterator<Item = f64>, products: &Products, cone: [f64; 2]) {
         self.count = products.plane.len();
         self.angles.clear();
@@ -84,20 +85,26 @@ impl Bank {
             let lobe = ModelLobe::unit(isotropic_c(angle), 1.0).within(cone);
             let (plane, zz) = (lobe.c.x / lobe.reference, lobe.c.z / lobe.reference);
             let start = self.shapes.len();
-            let bases = products.plane.iter().zip(&products.zz);
-            self.shapes.extend(bases.map(|(p, z)| (plane * p + zz * z).clamp(0.0, 4.0) as f32));
-            if self.shapes[start..].iter().all(|&base| base <= 0.0) {
+            self.shapes.resize(start + ROWS * self.count, 0.0);
+            let (mut row, mut rest) = self.shapes[start..].split_at_mut(self.count);
+            let mut largest = 0f32;
+            for ((base, p), z) in row.iter_mut().zip(&products.plane).zip(&products.zz) {
+                *base = (plane * p + zz * z).clamp(0.0, 4.0) as f32;
+                largest = largest.max(*base);
+            }
+            if largest <= 0.0 {
                 self.shapes.truncate(start);
                 continue;
             }
             self.angles.push(angle);
-            for _ in 1..ROWS {
-                let from = self.shapes.len() - self.count;
-                self.shapes.extend_from_within(from..);
-                for root in &mut self.shapes[from + self.count..] {
+            while !rest.is_empty() {
+                let (next, others) = rest.split_at_mut(self.count);
+                for (square, root) in next.iter_mut().zip(row.iter()) {
                     // Without denormal numbers, which are slow, and without infinities.
-                    *root = if *root < 1e-15 { 0.0 } else { (*root * *root).min(1e9) };
+                    let value = (root * root).min(1e9);
+                    *square = if *root < 1e-15 { 0.0 } else { value };
                 }
+                (row, rest) = (next, others);
             }
         }
     }
@@ -222,8 +229,23 @@ pub struct Found {
 
 impl Found {
     /// Optimises a model to convergence.
-    fn of(solver: &mut Solver, task: Task, mut model: Model) -> Self {
-        let (at, outcome) = minimise(solver, task, task.effort.limits, &mut model);
+    fn of(solver: &mut Solver, task: Task, model: Model) -> Self {
+        Self::better_of(solver, task, model, None)
+    }
+
+    /// Optimises one model or two to convergence and takes the better.
+    fn better_of(solver: &mut Solver, task: Task, model: Model, other: Option<Model>) -> Self {
+        let mut end = |mut model: Model| {
+            let (at, outcome) = minimise(solver, task, task.effort.limits, &mut model);
+            (model, at, outcome)
+        };
+        let mut best = end(model);
+        if let Some(other) = other.map(end)
+            && other.1.cost < best.1.cost
+        {
+            best = other;
+        }
+        let (model, at, outcome) = best;
         let mut left_out = Vec::new();
         if task.choose {
             // The last step tried may have been another one.
@@ -319,6 +341,29 @@ impl Search {
         }
     }
 
+    /// The best fit of anisotropic lobes, as many as are supported, that starts from the isotropic models with 1, 2, … lobes or from the
+    /// anisotropic one with one lobe less.
+    pub fn widened(&mut self, solver: &mut Solver, bank: &Bank, task: Task, isotropic: &[Known]) -> Found {
+        let task = Task { effort: Effort { beam: 1, ..task.effort }, ..task };
+        let mut best = Found::of(solver, task, Model::default());
+        let mut known = Vec::with_capacity(isotropic.len());
+        for start in isotropic {
+            let mut longer = Vec::new();
+            if !best.model.lobes.is_empty() {
+                let set = Candidate { cost: best.at.cost, model: best.model.clone() };
+                longer = self.extended(solver, bank, task, &[set], true);
+            }
+            let longer = longer.pop().map(|candidate| candidate.model);
+            let found = Found::better_of(solver, task, start.model.clone(), longer);
+            known.push(found.known(solver));
+            if !choice::is_better(&found.left_out, &best.left_out) {
+                break;
+            }
+            best = found;
+        }
+        Found { known, ..best }
+    }
+
     /// The best sets of one lobe more than those of the beam, the best first; tried for a few steps where `tried`, or where there are several.
     fn extended(
         &mut self,
@@ -405,20 +450,19 @@ impl Search {
         let layout = solver.layout(task.family, task.diffuse, model);
         let channels = layout.channels;
         let root = columns.column(0);
+        let mut rest = vec![0.0; count];
+        let mut add = |factor: f64, column: &[f64]| {
+            for (rest, value) in rest.iter_mut().zip(column) {
+                *rest += factor * value;
+            }
+        };
+        (0..channels).for_each(|channel| add(1.0, columns.column(1 + channel)));
+        for unknown in 0..=layout.lobes {
+            let total: f64 = (0..CHANNELS).map(|channel| at.x[channel][unknown]).sum();
+            add(-total, columns.column(layout.column(unknown)));
+        }
         self.lists.clear();
-        self.lists.extend((0..count).map(|k| {
-            let mut rest = 0.0;
-            for channel in 0..channels {
-                rest += columns.column(1 + channel)[k];
-            }
-            for unknown in 0..=layout.lobes {
-                let total: f64 = (0..CHANNELS).map(|channel| at.x[channel][unknown]).sum();
-                if total != 0.0 {
-                    rest -= total * columns.column(layout.column(unknown))[k];
-                }
-            }
-            (root[k] * rest) as f32
-        }));
+        self.lists.extend(rest.iter().zip(root).map(|(rest, root)| (rest * root) as f32));
         self.lists.extend(root.iter().map(|root| (root * root) as f32));
         for &unknown in members(layout, at).0.iter().filter(|&&unknown| unknown > 0) {
             let shape = columns.column(layout.column(unknown));

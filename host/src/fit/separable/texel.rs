@@ -192,12 +192,13 @@ impl Workspace {
     /// The model that is found, with the task whose family it belongs to: where the number of lobes is a choice, so is isotropy.
     fn search(&mut self, task: Task, near: &[&Trail]) -> (Task, Model, Trail) {
         let of = |family: usize| near.iter().map(|trail| &trail[family][..]).collect::<Vec<_>>();
-        let found = self.follow_or_search(task, &of(0));
         if !task.choose || task.family != Family::Anisotropic {
+            let found = self.follow_or_search(task, &of(0), None);
             return (task, found.model, [found.known, Vec::new()]);
         }
         let isotropic = Task { family: Family::Isotropic, ..task };
-        let other = self.follow_or_search(isotropic, &of(1));
+        let other = self.follow_or_search(isotropic, &of(1), None);
+        let found = self.follow_or_search(task, &of(0), Some(&other.known));
         let fewer = found.model.lobes.len() < other.model.lobes.len();
         let better = choice::is_better(&found.left_out, &other.left_out);
         let worse = choice::is_better(&other.left_out, &found.left_out);
@@ -205,8 +206,8 @@ impl Workspace {
         if better || fewer && !worse { (task, found.model, trail) } else { (isotropic, other.model, trail) }
     }
 
-    /// From the neighbour whose shapes describe this texel best, or else from the bank.
-    fn follow_or_search(&mut self, task: Task, near: &[&[Known]]) -> Found {
+    /// From the neighbour whose shapes describe this texel best, or else from the isotropic models where there are such, or from the bank.
+    fn follow_or_search(&mut self, task: Task, near: &[&[Known]], isotropic: Option<&[Known]>) -> Found {
         let Self { solver, bank, search, followed: [tried, succeeded], .. } = self;
         // Where neighbours have little in common, few texels try.
         let worth_it = 2 * *succeeded >= *tried || *tried % SELDOM == 0;
@@ -227,6 +228,9 @@ impl Workspace {
         {
             *succeeded += 1;
             return found;
+        }
+        if let Some(known) = isotropic {
+            return search.widened(solver, bank, task, known);
         }
         let effort = if near.is_empty() { Effort::thorough(task.lobes) } else { task.effort };
         search.best(solver, bank, Task { effort, ..task })

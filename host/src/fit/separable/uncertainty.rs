@@ -110,13 +110,17 @@ impl Covariance {
 
     /// gᵀ cov g.
     fn along(&self, gradient: &[f64; UNKNOWNS]) -> f64 {
-        self.between(gradient, gradient).max(0.0)
+        let product = gradient.iter().zip(self.times(gradient)).map(|(g, x)| g * x);
+        product.sum::<f64>().max(0.0)
     }
 
-    /// gᵀ cov h.
-    pub(super) fn between(&self, g: &[f64; UNKNOWNS], h: &[f64; UNKNOWNS]) -> f64 {
-        let row = |i: usize| (0..self.size).map(|j| self.matrix[i * self.size + j] * h[j]).sum::<f64>();
-        (0..self.size).filter(|&i| g[i] != 0.0).map(|i| g[i] * row(i)).sum()
+    /// cov g.
+    pub(super) fn times(&self, g: &[f64; UNKNOWNS]) -> [f64; UNKNOWNS] {
+        let mut product = [0.0; UNKNOWNS];
+        for (row, place) in self.matrix.chunks_exact(self.size.max(1)).zip(&mut product).take(self.size) {
+            *place = row.iter().zip(g).map(|(x, g)| x * g).sum();
+        }
+        product
     }
 }
 
