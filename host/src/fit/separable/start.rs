@@ -16,6 +16,7 @@ use super::data::Products;
 use super::normal::{Amplitudes, LINEAR, Layout};
 use super::shape::{self, Family};
 use super::solver::Solver;
+use super::uncertainty;
 
 /// How far the search goes.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -300,7 +301,12 @@ pub fn follow(solver: &mut Solver, task: Task, near: &[Known]) -> Option<Found> 
     } else if let [start] = near
         && start.model.lobes.len() == task.lobes
     {
-        chosen = Some(reach(solver, start)?);
+        let found = reach(solver, start)?;
+        let at = solver.evaluate(task.family, task.diffuse, &found.model);
+        let layout = solver.layout(task.family, task.diffuse, &found.model);
+        // A lobe that fits the neighbour's noise has no meaning here.
+        let told = uncertainty::told(solver, layout, &at);
+        chosen = told.into_iter().all(|told| told).then_some(found);
     }
     chosen.map(|found| Found { known, ..found })
 }

@@ -134,9 +134,7 @@ pub fn sigma(solver: &Solver, family: Family, diffuse: bool, model: &Model, at: 
     }
     let at = &at;
     let normal = normal::normal(&solver.gram, layout, at);
-    let free: usize = at.free.iter().take(layout.channels).flatten().filter(|&&free| free).count();
-    let freedom = (solver.data.valid * layout.channels).saturating_sub(free + normal.size).max(1);
-    let variance = at.cost / freedom as f64;
+    let variance = variance(solver, layout, at);
     let covariance = Covariance::new(&normal);
     let lobes = model.lobes.len();
     let mut sigma = Sigma { lobes: vec![LobeSigma::default(); lobes], ..Sigma::default() };
@@ -148,26 +146,55 @@ pub fn sigma(solver: &Solver, family: Family, diffuse: bool, model: &Model, at: 
         gradient[family.unknown(0, 3, lobes)] = 1.0;
         sigma.beta = (variance * covariance.along(&gradient)).sqrt().min(std::f64::consts::FRAC_PI_4);
     }
-    let mut rise = vec![0.0; lobes];
+    let told = told(solver, layout, at);
     for channel in 0..layout.channels {
         let of_channel = of_amplitudes(solver, layout, model, at, channel, &covariance);
-        let deviation = |unknown: usize| {
-            let [own, shapes] = of_channel[unknown];
-            (variance * (own + shapes)).sqrt() / solver.data.scale[channel]
-        };
+        let deviation = |unknown: usize| (variance * of_channel[unknown]).sqrt() / solver.data.scale[channel];
         sigma.rho_d[channel] = deviation(0);
         for (index, lobe) in sigma.lobes.iter_mut().enumerate() {
             lobe.rho_s[channel] = deviation(1 + index).min(most(solver, channel));
-            let [own, _] = of_channel[1 + index];
-            rise[index] += if own > 0.0 { at.x[channel][1 + index].powi(2) / own } else { 0.0 };
         }
     }
     for (index, lobe) in sigma.lobes.iter_mut().enumerate() {
-        if lobe.n > VAGUE * model.lobes[index].n || rise[index] <= TOLD * variance {
+        if lobe.n > VAGUE * model.lobes[index].n || !told[index] {
             *lobe = untold(solver);
         }
     }
     sigma
+}
+
+/// σ² of a weighted residual, from the cost.
+fn variance(solver: &Solver, layout: Layout, at: &Amplitudes) -> f64 {
+    let free = at.free.iter().take(layout.channels).flatten().filter(|&&free| free).count();
+    let unknowns = free + layout.family.size(layout.lobes);
+    at.cost / (solver.data.valid * layout.channels).saturating_sub(unknowns).max(1) as f64
+}
+
+/// Which lobes of a model that was evaluated last are told from noise.
+pub fn told(solver: &Solver, layout: Layout, at: &Amplitudes) -> Vec<bool> {
+    let mut rises = vec![0.0; layout.lobes];
+    for (x, free) in at.x.iter().zip(&at.free).take(layout.channels) {
+        let members: Vec<usize> = (0..=layout.lobes).filter(|&unknown| free[unknown]).collect();
+        let Some(factor) = factor(solver, layout, &members) else { continue };
+        for (place, &unknown) in members.iter().enumerate().filter(|&(_, &unknown)| unknown > 0) {
+            let mut own = [0.0; LINEAR];
+            own[place] = 1.0;
+            linear::substitute(&factor, &mut own[..members.len()]);
+            rises[unknown - 1] += x[unknown] * x[unknown] / own[place];
+        }
+    }
+    let least = TOLD * variance(solver, layout, at);
+    rises.into_iter().map(|rise| rise > least).collect()
+}
+
+/// The Cholesky factor of the products of some linear unknowns; none where they are not independent.
+fn factor(solver: &Solver, layout: Layout, members: &[usize]) -> Option<Vec<f64>> {
+    let count = members.len();
+    let mut factor: Vec<f64> = (0..count * count)
+        .map(|k| (layout.column(members[k / count]), layout.column(members[k % count])))
+        .map(|(a, b)| solver.gram[a * WIDTH + b] * if a == b { 1.0 + 1e-12 } else { 1.0 })
+        .collect();
+    linear::factor(&mut factor, count).then_some(factor)
 }
 
 /// The standard deviations of a lobe about which the samples say nothing.
@@ -240,16 +267,9 @@ impl Response {
     pub(super) fn new(solver: &Solver, layout: Layout, at: &Amplitudes, channel: usize) -> Option<Self> {
         let (gram, x) = (&solver.gram, &at.x[channel]);
         let members: Vec<usize> = (0..=layout.lobes).filter(|&unknown| at.free[channel][unknown]).collect();
-        let count = members.len();
         let entry = |a: usize, b: usize| gram[a * WIDTH + b];
-        let mut factor: Vec<f64> = (0..count * count)
-            .map(|k| (layout.column(members[k / count]), layout.column(members[k % count])))
-            .map(|(a, b)| entry(a, b) * if a == b { 1.0 + 1e-12 } else { 1.0 })
-            .collect();
-        if !linear::factor(&mut factor, count) {
-            return None;
-        }
-        let mut by_shape = vec![[0.0; UNKNOWNS]; count];
+        let factor = factor(solver, layout, &members)?;
+        let mut by_shape = vec![[0.0; UNKNOWNS]; members.len()];
         for lobe in 0..layout.lobes {
             for column in 0..layout.family.derivatives() {
                 let derivative = layout.derivative(lobe, column);
@@ -265,7 +285,7 @@ impl Response {
     }
 }
 
-/// Variances of a channel's ρ_d and amplitudes, but for σ² and the channel's scale: at known shapes, and what the shapes' own add.
+/// Variances of a channel's ρ_d and amplitudes, but for σ² and the channel's scale.
 fn of_amplitudes(
     solver: &Solver,
     layout: Layout,
@@ -273,8 +293,8 @@ fn of_amplitudes(
     at: &Amplitudes,
     channel: usize,
     covariance: &Covariance,
-) -> [[f64; 2]; LINEAR] {
-    let mut variances = [[0.0; 2]; LINEAR];
+) -> [f64; LINEAR] {
+    let mut variances = [0.0; LINEAR];
     let Some(Response { members, factor, by_shape }) = Response::new(solver, layout, at, channel) else {
         return variances;
     };
@@ -288,7 +308,7 @@ fn of_amplitudes(
         let mut own = vec![0.0; members.len()];
         own[place] = 1.0;
         linear::substitute(&factor, &mut own);
-        variances[unknown] = [own[place], covariance.along(&gradient)];
+        variances[unknown] = own[place] + covariance.along(&gradient);
     }
     variances
 }
