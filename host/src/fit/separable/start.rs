@@ -1,18 +1,17 @@
-//! Starts from data: the shapes of a small bank that explain most of what is left of a texel's samples.
+//! Starts from neighbours ([`follow`]) and from data ([`Search`]): the shapes of a small bank that explain most of what is left of a
+//! texel's samples, and those whose highlight passes through the largest residuals.
 //!
 //! The bank's shapes are those at a place near the texel, so one bank serves a block of texels; the solver then works with the
 //! texel's own directions. Lobes are added one after the other: the local maxima of what a shape explains beside those
 //! found so far, over directions of C round the (Cxy, Cz) circle and n = 1, 2, 4, …, are each optimised for a few steps,
 //! and the best go on.
 
-use pulp::WithSimd;
-
 use super::super::linear;
 use super::super::lm::{Limits, Outcome};
 use super::super::model::{Model, ModelLobe, isotropic_c};
+use super::bank::{Bank, EXPONENTS, Fill, Products32, ROWS, ridge_angle};
 use super::choice;
 use super::columns::{CHANNELS, MOST_LOBES, WIDTH};
-use super::data::Products;
 use super::normal::{Amplitudes, LINEAR, Layout};
 use super::shape::{self, Family};
 use super::solver::Solver;
@@ -40,9 +39,7 @@ impl Effort {
         }
         Self { tries: 4, steps: 6, beam: 3, limits: Limits { iterations: 60, tolerance: 1e-6 } }
     }
-}
 
-impl Effort {
     /// For a texel from which others start.
     pub fn thorough(lobes: usize) -> Self {
         let Self { limits, .. } = Self::texel(lobes);
@@ -50,104 +47,8 @@ impl Effort {
     }
 }
 
-/// Directions of C round the circle.
-const DIRECTIONS: usize = 24;
-/// Exponents 1, 2, 4, …
-const EXPONENTS: usize = 10;
 /// Poses with the largest residuals, of which each proposes a direction.
 const RIDGE: usize = 8;
-/// Rows a direction: the exponents and the square of the last.
-const ROWS: usize = EXPONENTS + 1;
-
-/// Shapes of some directions of C at every pose.
-#[derive(Debug, Clone, Default)]
-pub struct Bank {
-    /// [direction][exponent][pose].
-    shapes: Vec<f32>,
-    /// Directions with a base that is positive somewhere, by their angle on the circle.
-    angles: Vec<f64>,
-    count: usize,
-}
-
-impl Bank {
-    /// Computes the shapes of directions all round the circle for the products at one place.
-    pub fn fill(&mut self, products: &Products, cone: [f64; 2]) {
-        let angle = |direction: usize| (direction as f64 + 0.5) / DIRECTIONS as f64 * std::f64::consts::TAU;
-        self.fill_with((0..DIRECTIONS).map(angle), products, cone);
-    }
-
-    /// Computes the shapes of directions by their angles.
-    #[inline(always)]
-    fn fill_with(&mut self, angles: impl Iterator<Item = f64>, products: &Products, cone: [f64; 2]) {
-        self.count = products.plane.len();
-        self.angles.clear();
-        self.shapes.clear();
-        for angle in angles {
-            let lobe = ModelLobe::unit(isotropic_c(angle), 1.0).within(cone);
-            let (plane, zz) = (lobe.c.x / lobe.reference, lobe.c.z / lobe.reference);
-            let start = self.shapes.len();
-            self.shapes.resize(start + ROWS * self.count, 0.0);
-            let (mut row, mut rest) = self.shapes[start..].split_at_mut(self.count);
-            let mut largest = 0f32;
-            for ((base, p), z) in row.iter_mut().zip(&products.plane).zip(&products.zz) {
-                *base = (plane * p + zz * z).clamp(0.0, 4.0) as f32;
-                largest = largest.max(*base);
-            }
-            if largest <= 0.0 {
-                self.shapes.truncate(start);
-                continue;
-            }
-            self.angles.push(angle);
-            while !rest.is_empty() {
-                let (next, others) = rest.split_at_mut(self.count);
-                for (square, root) in next.iter_mut().zip(row.iter()) {
-                    // Without denormal numbers, which are slow, and without infinities.
-                    let value = (root * root).min(1e9);
-                    *square = if *root < 1e-15 { 0.0 } else { value };
-                }
-                (row, rest) = (next, others);
-            }
-        }
-    }
-}
-
-/// The directions of which the highlight is brightest at some poses, as vector code.
-struct FillRidge<'a>(&'a mut Bank, &'a [f64], &'a Products, [f64; 2]);
-
-impl WithSimd for FillRidge<'_> {
-    type Output = ();
-    #[inline(always)]
-    fn with_simd<S: pulp::Simd>(self, _: S) {
-        self.0.fill_with(self.1.iter().copied(), self.2, self.3);
-    }
-}
-
-/// The angle of the C that sends light from a pose's light straight to its camera: cosθ_i C ω_i is then along ω_o as far as the plane of
-/// incidence goes. None near normal incidence, which tells nothing about C.
-fn ridge_angle(products: &Products, pose: usize) -> Option<f64> {
-    let [cos_i, cos_o] = [0, 1].map(|side: usize| products.cos[side][pose]);
-    let sin2_i = 1.0 - cos_i * cos_i;
-    let across = products.plane[pose] * cos_i * std::f64::consts::SQRT_2;
-    (sin2_i > 0.01).then(|| across.atan2(cos_o * sin2_i))
-}
-
-/// Σ a b, in sixteen partial sums.
-#[inline(always)]
-fn dot(a: &[f32], b: &[f32]) -> f32 {
-    let mut sums = [0f32; 16];
-    let (a16, b16) = (a.chunks_exact(16), b.chunks_exact(16));
-    for (lane, (x, y)) in a16.remainder().iter().zip(b16.remainder()).enumerate() {
-        sums[lane] = x * y;
-    }
-    for (x, y) in a16.zip(b16) {
-        for lane in 0..16 {
-            sums[lane] += x[lane] * y[lane];
-        }
-    }
-    let half: [f32; 8] = std::array::from_fn(|i| sums[i] + sums[i + 8]);
-    let quarter: [f32; 4] = std::array::from_fn(|i| half[i] + half[i + 4]);
-    (quarter[0] + quarter[2]) + (quarter[1] + quarter[3])
-}
 
 /// A set of shapes with its cost.
 #[derive(Debug, Clone)]
@@ -166,27 +67,6 @@ pub struct Search {
     scores: Vec<f32>,
     /// Shapes of the directions that the largest residuals propose.
     ridge: Bank,
-}
-
-/// The products of all rows of the bank with some lists, as vector code.
-struct Products32<'a> {
-    rows: &'a [f32],
-    lists: &'a [f32],
-    count: usize,
-    out: &'a mut Vec<f32>,
-}
-
-impl WithSimd for Products32<'_> {
-    type Output = ();
-    #[inline(always)]
-    fn with_simd<S: pulp::Simd>(self, _: S) {
-        self.out.clear();
-        for row in self.rows.chunks_exact(self.count.max(1)) {
-            for list in self.lists.chunks_exact(self.count.max(1)) {
-                self.out.push(dot(row, list));
-            }
-        }
-    }
 }
 
 /// What is fitted, beside the data.
@@ -441,7 +321,7 @@ impl Search {
         largest.sort_by(by_size);
         let angles: Vec<f64> = largest.into_iter().filter_map(|k| ridge_angle(products, k)).collect();
         let mut ridge = std::mem::take(&mut self.ridge);
-        solver.arch.dispatch(FillRidge(&mut ridge, &angles, products, solver.data.cone));
+        solver.arch.dispatch(Fill(&mut ridge, &angles, products, solver.data.cone));
         self.score(solver, &ridge, task, model, at);
         let scores = self.scores.iter().enumerate().filter(|(_, score)| score.is_finite());
         let best = scores.max_by(|a, b| a.1.total_cmp(b.1));
