@@ -355,6 +355,7 @@ mod tests {
         separate_channels: false,
         diffuse: crate::fit::Diffuse::Joint,
         residual: crate::fit::Residual::Proportional,
+        robust: false,
     };
 
     /// A store of six blocks and the shards of its fit in `count` parts.

@@ -188,6 +188,8 @@ pub struct FitOptions {
     pub diffuse: Diffuse,
     /// Scale of comparison.
     pub residual: Residual,
+    /// Whether samples that lie far off weigh less, see [`separable::robust`]; the separable method alone.
+    pub robust: bool,
 }
 
 impl Default for FitOptions {
@@ -200,6 +202,7 @@ impl Default for FitOptions {
             separate_channels: false,
             diffuse: Diffuse::Joint,
             residual: Residual::Proportional,
+            robust: false,
         }
     }
 }
@@ -232,6 +235,12 @@ impl FitOptions {
         if self.choose && self.method != Method::Separable {
             return Err(Error::input(format!(
                 "only the separable fit chooses the number of lobes; name one for {}",
+                self.method.name()
+            )));
+        }
+        if self.robust && self.method != Method::Separable {
+            return Err(Error::input(format!(
+                "only the separable fit is robust; {} is not",
                 self.method.name()
             )));
         }
@@ -410,6 +419,7 @@ fn map_of(sampled: &SampledSbrdf, options: &FitOptions, fits: &[TexelFit]) -> Sb
         ("fit.residual", options.residual.name().to_string()),
         ("fit.diffuse", diffuse),
         ("fit.isotropic", options.isotropic.to_string()),
+        ("fit.robust", options.robust.to_string()),
         ("texel_mm", sampled.texel_mm.to_string()),
     ] {
         map.attributes.insert(key.into(), value);

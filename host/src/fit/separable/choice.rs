@@ -73,8 +73,8 @@ pub fn left_out(solver: &Solver, task: Task, model: &Model, at: &Amplitudes) -> 
             }
             for b in 0..layout.channels {
                 let of_b = covariance.times(&slopes[b]);
-                for a in 0..layout.channels {
-                    let product = slopes[a].iter().zip(&of_b).map(|(slope, of_b)| slope * of_b);
+                for (a, slopes) in slopes.iter().enumerate().take(layout.channels) {
+                    let product = slopes.iter().zip(&of_b).map(|(slope, of_b)| slope * of_b);
                     hat.col_mut(b)[a] += product.take(layout.family.size(layout.lobes)).sum::<f64>();
                 }
             }

@@ -357,6 +357,33 @@ fn so_they_are_for_1000_repeats() {
     }
 }
 
+#[test]
+fn a_robust_fit_withstands_outliers_and_costs_little_without_them() {
+    let mut recovered = 0;
+    let mut workspace = super::texel::Workspace::default();
+    for seed in 0..10 {
+        let mut random = Random::new(seed);
+        let truth = material(1, &mut random);
+        let samples = measured(&directions(250, seed + 9), &truth, 0.05, &mut random);
+        let mut dusty = samples.clone();
+        for rgb in dusty.rgb.iter_mut().step_by(17) {
+            *rgb = rgb.map(|value| value + random.uniform(0.1, 1.0));
+        }
+        let mut error = |samples: &Samples, robust: bool| {
+            workspace.take(samples);
+            let found = workspace.fit(&FitOptions { robust, ..FitOptions::default() }).brdf;
+            testing::relative_error(&found, &truth, &directions(300, 991))
+        };
+        let [clean, of_clean] = [false, true].map(|robust| error(&samples, robust));
+        let [plain, of_dusty] = [false, true].map(|robust| error(&dusty, robust));
+        println!("{seed}: {clean:.4}, robust {of_clean:.4}; with outliers {plain:.4}, robust {of_dusty:.4}");
+        assert!(of_clean < 1.5 * clean + 1e-4, "{seed}: {of_clean} {clean}");
+        recovered += usize::from(of_dusty < 0.2 * plain);
+    }
+    // A highlight that few poses meet may be taken for outliers.
+    assert!(recovered >= 8, "{recovered} of 10");
+}
+
 /// How many lobes `auto` gives texels of materials with 0 to 3 lobes that differ well, and the errors on unposed directions over those
 /// of the right fixed number.
 #[test]

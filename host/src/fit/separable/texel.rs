@@ -10,6 +10,7 @@ use super::bank::Bank;
 use super::choice;
 use super::data::{Data, Poses};
 use super::normal::Amplitudes;
+use super::robust;
 use super::shape::Family;
 use super::solver::Solver;
 use super::start::{self, Effort, Found, Known, Search, Task};
@@ -168,7 +169,23 @@ impl Workspace {
             arch.dispatch(Aim(&mut self.solver.data, channels, options.residual, fixed));
             self.solver.begin();
             let near: Vec<&Trail> = near.iter().filter_map(|trails| trails.get(group)).collect();
-            let (task, model, trail) = self.search(task, &near);
+            let (mut own, mut model, mut trail) = self.search(task, &near);
+            let mut factors = vec![1.0; self.solver.data.len()];
+            for round in 0..if options.robust { robust::ROUNDS } else { 0 } {
+                let at = self.solver.evaluate(own.family, own.diffuse, &model);
+                let layout = self.solver.layout(own.family, own.diffuse, &model);
+                factors = robust::factors(round, &self.solver, layout, &at, &factors);
+                arch.dispatch(Aim(&mut self.solver.data, channels, options.residual, fixed));
+                self.solver.data.reweigh(&factors);
+                self.solver.begin();
+                if round == 0 {
+                    // Outliers may have drawn a lobe to where it would not come back from.
+                    (own, model, trail) = self.search(task, &near);
+                } else {
+                    start::minimise(&mut self.solver, own, own.effort.limits, &mut model);
+                }
+            }
+            let task = own;
             trails.push(trail);
             let at = self.solver.evaluate(task.family, task.diffuse, &model);
             let part = self.brdf(channels, &model, &at);
