@@ -152,6 +152,11 @@ fn level(solver: &Solver, at: &Amplitudes) -> f64 {
 /// which the neighbour's search tells nothing.
 const AS_GOOD: std::ops::RangeInclusive<f64> = 0.8..=1.15;
 
+/// Whether a neighbour's shapes as they are come so close to its own cost that no other start needs a look.
+pub fn may_do(solver: &Solver, cost: f64, near: &Known) -> bool {
+    cost <= AS_GOOD.end() * near.level * solver.data.valid as f64
+}
+
 /// The fit from the shapes that were found nearby, as [`Search::best`] makes it from the bank; none where it is no better than it
 /// might be, or where the neighbour does not tell whether more lobes are supported.
 pub fn follow(solver: &mut Solver, task: Task, near: &[Known]) -> Option<Found> {

@@ -151,6 +151,7 @@ fn amplitudes_stay_below_their_cap_and_the_rest_is_solved_around_them() {
         Model { diffuse: 0.0, beta: 0.0, lobes: vec![ModelLobe::unit(DVec3::new(-1.0, -1.0, 1.0), 9.0)] };
     let free = solver.evaluate(Family::Isotropic, true, &model);
     solver.data.most = free.x.map(|x| 0.5 * x[1]);
+    solver.begin();
     let capped = solver.evaluate(Family::Isotropic, true, &model);
     for channel in 0..3 {
         assert_eq!(capped.x[channel][1], 0.5 * free.x[channel][1]);

@@ -239,6 +239,9 @@ impl Workspace {
             if start.is_none_or(|(least, _)| cost < least) {
                 start = Some((cost, known));
             }
+            if start::may_do(solver, cost, last) {
+                break;
+            }
         }
         *tried += usize::from(!near.is_empty());
         if let Some((_, known)) = start
