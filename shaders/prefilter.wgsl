@@ -1,5 +1,5 @@
-// One slice of a prefiltered environment: log2 S(w_p, n), S = integral of (w_p . w_i)^n L_i dw_i   (6.16)
-// The twin in Rust is host/src/render/environment/prefilter.rs.
+// One slice of a prefiltered environment: the root S(w_p, n)^(1/n), S = integral of (w_p . w_i)^n L_i dw_i   (6.16)
+// The twin in Rust is host/src/render/environment/source.rs.
 
 struct Task {
     // Points of light a row, rows.
@@ -23,7 +23,6 @@ struct Task {
 
 const PI = 3.14159265;
 const TAU = 6.28318531;
-const DARK = -100.0;
 
 // Half the range of azimuth of a cap on a circle of latitude; 0 where they do not meet.
 fn half_azimuth(toward: vec3f, reach: f32, polar: f32) -> f32 {
@@ -87,5 +86,5 @@ fn prefilter(@builtin(global_invocation_id) id: vec3u) {
     let azimuth = ((f32(index % job.map.x) + 0.5) / f32(job.map.x) - 0.5) * TAU;
     let toward = vec3f(sin(polar) * sin(azimuth), cos(polar), -sin(polar) * cos(azimuth));
     let light = filtered(toward);
-    map[index] = vec4f(select(vec3f(DARK), max(log2(light), vec3f(DARK)), light > vec3f(0.0)), 1.0);
+    map[index] = vec4f(select(vec3f(0.0), pow(light, vec3f(1.0 / job.n)), light > vec3f(0.0)), 1.0);
 }

@@ -34,6 +34,8 @@ pub struct Report {
     pub errors: Vec<ErrorFigure>,
     /// Counts and rates.
     pub figures: Map<String, Value>,
+    /// Why the command failed; none when it did what it was asked for.
+    pub failure: Option<String>,
 }
 
 /// The machine that a report was made on.
@@ -79,6 +81,7 @@ impl Report {
             peak_memory_bytes: 0,
             errors: Vec::new(),
             figures: Map::new(),
+            failure: None,
         }
     }
 

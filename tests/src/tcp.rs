@@ -1,5 +1,6 @@
 //! Rigs on TCP: a simulated one with its camera, a line that spoils bytes or breaks, and a controller of another version.
 
+use std::fs::File;
 use std::io::{Read, Write};
 use std::net::{Shutdown, SocketAddr, TcpListener, TcpStream};
 use std::path::Path;
@@ -9,11 +10,18 @@ use std::time::Duration;
 
 use lobelia::acquire::simulated;
 use lobelia::rig::config::RigConfig;
+use lobelia_hil_sim::optics::frame::{FrameNotes, write_tiff};
 use lobelia_hil_sim::{ExposureTruth, FaultRates, FaultyLink, SimulatedRig, serve_tcp};
 use lobelia_protocol::{FrameDecoder, Hello, HelloReply, ToController, ToHost, Verdict, schema};
 
 /// How many times as fast as real time a served rig's clock runs.
 const SPEED: f64 = 300.0;
+
+/// Stores a dark frame of a few pixels.
+fn store(file: &Path) -> std::io::Result<()> {
+    let notes = FrameNotes { exposure_s: 0.1, f_number: 16.0, taken_s: 0 };
+    write_tiff(File::create(file)?, 8, 6, &[0; 48], &notes)
+}
 
 fn listener() -> (TcpListener, SocketAddr) {
     let listener = TcpListener::bind("127.0.0.1:0").expect("a port is free");
@@ -51,7 +59,7 @@ impl ServedRig {
                     last = truth.sequence;
                     noted.lock().expect("no thread panicked").push(truth);
                     // The folder goes with the test that is over.
-                    if std::fs::write(folder.join(format!("shot-{last:04}.tiff")), b"photograph").is_err() {
+                    if store(&folder.join(format!("shot-{last:04}.tiff"))).is_err() {
                         return;
                     }
                 }

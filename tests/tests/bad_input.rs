@@ -225,6 +225,16 @@ fn a_table_with_nan_or_a_row_cut_short_is_named_by_line_and_row() {
 }
 
 #[test]
+fn the_report_of_a_command_that_failed_says_why() {
+    let folder = tempfile::tempdir().unwrap();
+    run(folder.path(), &["fit", "gone.brdf", "--report", "report.json"]).refuses(2, &["gone.brdf"]);
+    let text = fs::read_to_string(folder.path().join("report.json")).unwrap();
+    let report: serde_json::Value = serde_json::from_str(&text).unwrap();
+    assert_eq!(report["command"], "fit");
+    assert!(report["failure"].as_str().unwrap().contains("gone.brdf"), "{report}");
+}
+
+#[test]
 fn options_that_make_no_sense_are_bad_input() {
     let folder = tempfile::tempdir().unwrap();
     refused(folder.path(), &["demo", "--size", "small", "--threads", "0"], 2, &["--threads"]);

@@ -5,6 +5,7 @@
 use std::fs;
 use std::path::Path;
 
+use lobelia::develop;
 use lobelia::reflectance::{Brdf, InterpolatedBrdf, LobeBrdf, MeasuredTable, SbrdfMap};
 use lobelia::rig::config::RigConfig;
 use lobelia::sampled::SampledSbrdf;
@@ -176,25 +177,41 @@ fn renderings_of_the_true_map_are_the_photographs_and_those_of_another_map_are_n
         }],
         ..LobeBrdf::default()
     };
-    let rig = small::rig(16);
-    let run = folder.path().join("run");
-    small::acquire(&run, &small::plan(&rig, 6), &rig, recipe.layout(folder.path(), &rig.carrier).unwrap());
+    let mut rig = small::rig(16);
+    let acquire = |run: &str, poses, rig: &RigConfig| {
+        let sample = recipe.layout(folder.path(), &rig.carrier).unwrap();
+        small::acquire(&folder.path().join(run), &small::plan(rig, poses), rig, sample);
+    };
+    acquire("run", 6, &rig);
 
-    let compared = |name: &str, rho_d: f32| {
+    let compared = |run: &str, name: &str, rho_d: f32| {
         let map = SbrdfMap::from_texels(16, 16, &vec![brdf(rho_d); 256]);
         map.write_exr(&folder.path().join(name)).unwrap();
-        succeed(folder.path(), &["compare", "run", name, "-o", "pages", "--report", "compare.json"]);
+        succeed(folder.path(), &["compare", run, name, "-o", "pages", "--report", "compare.json"]);
         let report = report(&folder.path().join("compare.json"));
         ["relative_rms_radiance", "psnr", "mean_delta_e_2000"].map(|error| error_value(&report, error, &[]))
     };
-    let [relative, psnr, delta_e] = compared("true.exr", 0.12);
+    let [relative, psnr, delta_e] = compared("run", "true.exr", 0.12);
     println!("true map: relative RMS {:.2} %, PSNR {psnr:.1} dB, mean ΔE {delta_e:.2}", 100.0 * relative);
     assert!(relative < 0.02 && psnr > 38.0 && delta_e < 1.0, "{relative} {psnr} {delta_e}");
-    let [_, psnr, delta_e] = compared("other.exr", 0.18);
+    let [_, psnr, delta_e] = compared("run", "other.exr", 0.18);
     assert!(psnr < 32.0 && delta_e > 3.0, "{psnr} {delta_e}");
 
     let page = fs::read_to_string(folder.path().join("pages/compare.html")).unwrap();
     assert_eq!(page.matches("data:image/png").count(), 9);
+
+    rig.carrier.cylinder_radius_mm = Some(30.0);
+    acquire("bent", 3, &rig);
+    let [relative, psnr, delta_e] = compared("bent", "true.exr", 0.12);
+    println!(
+        "on a cylinder: relative RMS {:.2} %, PSNR {psnr:.1} dB, mean ΔE {delta_e:.2}",
+        100.0 * relative
+    );
+    assert!(relative < 0.04 && psnr > 36.0 && delta_e < 1.0, "{relative} {psnr} {delta_e}");
+    let [_, psnr, delta_e] = compared("bent", "other.exr", 0.18);
+    assert!(psnr < 32.0 && delta_e > 3.0, "{psnr} {delta_e}");
+    let error = develop::run(&folder.path().join("bent")).err().unwrap();
+    assert!(error.exit_code() == 2 && error.to_string().contains("cylinder"), "{error}");
 }
 
 #[test]

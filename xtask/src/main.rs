@@ -19,9 +19,9 @@ const HELP: &str = "cargo xtask TASK
   link-table  measures sessions on bad lines on the simulated rig's clock, and writes them into docs/link.md
   flash [--board B] [--probe VID:PID[:SERIAL]]
           writes a board's program, the stm32f405's unless told otherwise, by probe-rs, and leaves stored parameters as they are
-  peers [fit|render]
-          runs independent implementations on the same data: the fit beside SciPy and Ceres, pictures beside Mitsuba 3
-          (python3 and LLVM's shared library are needed)
+  peers [fit|render|environment]
+          runs independent implementations on the same data: the fit beside SciPy and Ceres, pictures beside Mitsuba 3,
+          prefiltered environments beside Filament's cmgen (python3 and LLVM's shared library are needed)
   help    this text
 
 `test` installs the software Vulkan driver that the GPU tests need when it runs as root on a Debian-like machine, and

@@ -5,6 +5,7 @@ use lobelia_reflectance::Brdf;
 use rayon::prelude::*;
 
 use super::camera::{CameraModel, SensorModel, bayer_channel};
+use super::cylinder::BentSheet;
 use super::noise;
 use super::sample::SampleLayout;
 use super::tags;
@@ -44,6 +45,8 @@ pub struct BenchConfig {
     pub carrier_albedo: [f64; 3],
     /// The sample.
     pub sample: SampleLayout,
+    /// Radius of the cylinder that the sample is bent over, mm; `None` when it lies flat.
+    pub cylinder_radius_mm: Option<f64>,
 }
 
 /// Radiance at every pixel, in the colour of the pixel's filter, for the nominal lamp.
@@ -58,6 +61,8 @@ pub struct OpticalBench {
     config: BenchConfig,
     /// Normalised coordinates of four points a pixel.
     rays: Vec<[[f32; 2]; POINTS]>,
+    /// The sample when it is bent over a cylinder.
+    bent: Option<BentSheet>,
 }
 
 /// Points a pixel, each with a point of the aperture of its own.
@@ -98,7 +103,9 @@ impl OpticalBench {
                 })
             })
             .collect();
-        Self { config, rays }
+        let [width, height] = config.sample.size_mm();
+        let bent = config.cylinder_radius_mm.map(|radius| BentSheet::new(width, height, radius));
+        Self { config, rays, bent }
     }
 
     /// What stays the same during a run.
@@ -159,23 +166,48 @@ impl OpticalBench {
         if direction.z >= 0.0 || stage.camera.z <= 0.0 || light.z <= 0.0 {
             return 0.0;
         }
+        let wo = -direction.normalize();
+        if let Some(struck) = self.bent.and_then(|sheet| sheet.strike(stage.camera, direction)) {
+            let (wi, irradiance) = self.irradiance(stage, struck.point, struck.normal, light, channel);
+            if !struck.outside || irradiance <= 0.0 {
+                return 0.0;
+            }
+            let [along, y] = struck.sheet_mm;
+            let [wi, wo] = [wi, wo].map(|w| struck.local(w).as_vec3());
+            return irradiance * f64::from(self.config.sample.at(along, y).eval_channel(wi, wo, channel));
+        }
         let hit = stage.camera - direction * (stage.camera.z / direction.z);
         if hit.x.abs().max(hit.y.abs()) > self.config.carrier_half_mm {
             return 0.0;
         }
-        let to_light = light - hit;
+        let (wi, irradiance) = self.irradiance(stage, hit, DVec3::Z, light, channel);
+        if self.bent.is_some_and(|sheet| sheet.strike(hit, wi).is_some()) {
+            return 0.0;
+        }
+        irradiance * self.reflectance(hit, wi.as_vec3(), wo.as_vec3(), channel)
+    }
+
+    /// The direction from a point toward a point of the aperture, and the irradiance that the aperture gives there.
+    fn irradiance(
+        &self,
+        stage: &Stage,
+        point: DVec3,
+        normal: DVec3,
+        light: DVec3,
+        channel: usize,
+    ) -> (DVec3, f64) {
+        let to_light = light - point;
         let distance2 = to_light.length_squared();
         let wi = to_light / distance2.sqrt();
         let area = std::f64::consts::PI * (self.config.aperture_diameter_mm / 2.0).powi(2);
         let projected = area * -wi.dot(stage.facing);
-        let irradiance = self.config.lamp_radiance[channel] * wi.z * projected / distance2;
-        irradiance * self.reflectance(hit, wi.as_vec3(), -direction.normalize().as_vec3(), channel)
+        (wi, self.config.lamp_radiance[channel] * wi.dot(normal) * projected / distance2)
     }
 
     /// Reflectance of the sample or the carrier at a point of its plane, sr⁻¹.
     fn reflectance(&self, hit: DVec3, wi: Vec3, wo: Vec3, channel: usize) -> f64 {
         let config = &self.config;
-        if config.sample.contains(hit.x, hit.y) {
+        if self.bent.is_none() && config.sample.contains(hit.x, hit.y) {
             return f64::from(config.sample.at(hit.x, hit.y).eval_channel(wi, wo, channel));
         }
         let [white, black, bare] = config.carrier_albedo;
@@ -260,6 +292,7 @@ mod tests {
             tags: vec![PrintedTag { id: 0, centre_mm: [-44.0, 44.0] }],
             carrier_albedo: [0.8, 0.04, 0.03],
             sample: SampleLayout::new(64.0, 64.0, vec![white], Pattern::Stripes { width_mm: 64.0 }),
+            cylinder_radius_mm: None,
         })
     }
 
@@ -277,6 +310,30 @@ mod tests {
         let expected = radiance * area / r2 * wi.z / std::f64::consts::PI;
         let got = f64::from(image.data[y * 160 + x]);
         assert!((got / expected - 1.0).abs() < 1e-3, "{got} {expected}");
+    }
+
+    #[test]
+    fn a_white_cylinder_is_brightest_toward_the_light_and_casts_a_shadow_on_the_carrier() {
+        let OpticalBench { config, .. } = bench();
+        let bench = OpticalBench::new(BenchConfig { cylinder_radius_mm: Some(22.0), ..config });
+        let light = 60f64.to_radians();
+        let image = bench.radiance([0.0, 0.0, 0.0, light]);
+        // The sheet reaches almost half way round: R sin α to either side of the middle, R (1 − cos α) high.
+        let value = |x_mm: f64| {
+            let [x, y] = bench.project([0.0, 0.0, 0.0, light], x_mm, 0.0).map(|c| c.round() as usize);
+            image.data[(y & !1) * 160 + (x | 1)]
+        };
+        // Green pixels: a diffuser's radiance goes with the cosine between normal and light.
+        let cosine = |x: f64| {
+            let normal = DVec3::new(x / 22.0, 0.0, (1.0 - x * x / 484.0).sqrt());
+            normal.dot(DVec3::new(light.sin(), 0.0, light.cos()))
+        };
+        let ratio = f64::from(value(15.0) / value(5.0));
+        // A pixel is 1.3 mm wide.
+        assert!((ratio / (cosine(15.0) / cosine(5.0)) - 1.0).abs() < 0.08, "{ratio}");
+        assert_eq!(value(-20.5), 0.0);
+        // Beside the cylinder on its dark side, and on its bright side.
+        assert!(value(-30.0) == 0.0 && value(30.0) > 0.0);
     }
 
     #[test]

@@ -4,6 +4,7 @@
 
 pub mod bench;
 pub mod camera;
+mod cylinder;
 pub mod frame;
 pub mod noise;
 pub mod sample;

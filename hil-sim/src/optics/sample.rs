@@ -108,6 +108,11 @@ impl SampleLayout {
         Self { width_mm, height_mm, pattern, along: materials, across }
     }
 
+    /// Width and height of the measured part, mm.
+    pub fn size_mm(&self) -> [f64; 2] {
+        [self.width_mm, self.height_mm]
+    }
+
     /// Whether a point of the carrier's plane lies on the sample, which is cut a little larger than what is measured of it.
     pub fn contains(&self, x_mm: f64, y_mm: f64) -> bool {
         let within = |place: f64, length: f64| place.abs() <= 0.5 * length + ALLOWANCE_MM;

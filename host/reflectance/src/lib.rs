@@ -1,18 +1,21 @@
-//! The vocabulary of reflectance that the host and the simulator share: lobes, SBRDF maps, measured tables, colour.
+//! The vocabulary of reflectance that the host and the simulator share: lobes, a microfacet term, SBRDF maps, measured tables, colour.
 //!
 //! Directions are unit vectors in the sample's local frame (x, y the principal directions of anisotropy or the texture
 //! axes, z the outward normal): `wi` points toward the light, `wo` toward the viewer. Reflectance is in sr⁻¹ and never
 //! includes a cosine.
 
+pub mod albedo;
 pub mod colour;
 pub mod lobe;
 pub mod map;
 mod map_exr;
 pub mod materials;
+pub mod microfacet;
 pub mod table;
 
 pub use lobe::{Lobe, LobeBrdf};
-pub use map::{LobePlane, SbrdfMap};
+pub use map::{LobePlane, MicrofacetPlane, SbrdfMap};
+pub use microfacet::Microfacet;
 pub use table::{InterpolatedBrdf, MeasuredTable};
 
 /// Linear scene-referred Rec. 709 colour, or a reflectance in sr⁻¹ a channel.

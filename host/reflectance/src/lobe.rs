@@ -3,7 +3,7 @@
 use glam::Vec3;
 use serde::{Deserialize, Serialize};
 
-use crate::{Brdf, Rgb};
+use crate::{Brdf, Microfacet, Rgb};
 
 /// One lobe ρ_s (Cx ω_ix ω_ox + Cy ω_iy ω_oy + Cz ω_iz ω_oz)ⁿ (4.2). The base is clamped at 0 before the power.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -44,7 +44,7 @@ impl Lobe {
     }
 }
 
-/// A BRDF of a diffuse term and lobes (4.1), turned about the normal by the direction of anisotropy β (4.4).
+/// A BRDF of a diffuse term, lobes (4.1) and microfacet terms, turned about the normal by the direction of anisotropy β (4.4).
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 pub struct LobeBrdf {
     /// Diffuse reflectance ρ_d a channel, sr⁻¹ (albedo / π).
@@ -53,6 +53,9 @@ pub struct LobeBrdf {
     pub beta: f32,
     /// The lobes.
     pub lobes: Vec<Lobe>,
+    /// Isotropic GGX terms, for clear coats; none in maps of texels.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub microfacets: Vec<Microfacet>,
 }
 
 /// Turns a direction about z by −β: from the sample's frame into the lobe's.
@@ -90,17 +93,19 @@ impl Brdf for LobeBrdf {
         if wi.z <= 0.0 || wo.z <= 0.0 {
             return Rgb::ZERO;
         }
+        let coats: Rgb = self.microfacets.iter().map(|coat| coat.eval(wi, wo)).sum();
         let (wi, wo) = (into_lobe_frame(wi, self.beta), into_lobe_frame(wo, self.beta));
-        self.rho_d + self.lobes.iter().map(|lobe| lobe.rho_s * lobe.shape(wi, wo)).sum::<Rgb>()
+        self.rho_d + coats + self.lobes.iter().map(|lobe| lobe.rho_s * lobe.shape(wi, wo)).sum::<Rgb>()
     }
 
     fn eval_channel(&self, wi: Vec3, wo: Vec3, channel: usize) -> f32 {
         if wi.z <= 0.0 || wo.z <= 0.0 {
             return 0.0;
         }
+        let coats: f32 = self.microfacets.iter().map(|coat| coat.eval(wi, wo)[channel]).sum();
         let (wi, wo) = (into_lobe_frame(wi, self.beta), into_lobe_frame(wo, self.beta));
         let lit = self.lobes.iter().filter(|lobe| lobe.rho_s[channel] != 0.0);
-        self.rho_d[channel] + lit.map(|lobe| lobe.rho_s[channel] * lobe.shape(wi, wo)).sum::<f32>()
+        self.rho_d[channel] + coats + lit.map(|lobe| lobe.rho_s[channel] * lobe.shape(wi, wo)).sum::<f32>()
     }
 }
 
@@ -118,7 +123,7 @@ mod tests {
 
     fn material(cx: f32, cy: f32, cz: f32, n: f32, beta: f32) -> LobeBrdf {
         let lobe = Lobe { rho_s: Rgb::new(0.3, 0.2, 0.1), c: Vec3::new(cx, cy, cz), n };
-        LobeBrdf { rho_d: Rgb::splat(0.1), beta, lobes: vec![lobe] }
+        LobeBrdf { rho_d: Rgb::splat(0.1), beta, lobes: vec![lobe], ..LobeBrdf::default() }
     }
 
     #[test]

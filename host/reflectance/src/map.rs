@@ -5,7 +5,7 @@ use std::path::Path;
 
 use glam::Vec3;
 
-use crate::{FormatError, Lobe, LobeBrdf, Rgb, map_exr};
+use crate::{FormatError, Lobe, LobeBrdf, Microfacet, Rgb, map_exr};
 
 /// The coefficients of one lobe at every texel.
 #[derive(Debug, Clone, PartialEq, Default)]
@@ -16,6 +16,23 @@ pub struct LobePlane {
     pub c: Vec<Vec3>,
     /// Exponent a texel.
     pub n: Vec<f32>,
+}
+
+/// The coefficients of one microfacet term at every texel.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct MicrofacetPlane {
+    /// Fresnel reflectance at θ_d = 0 a texel.
+    pub f0: Vec<Rgb>,
+    /// Fresnel reflectance at θ_d = 90° a texel.
+    pub f90: Vec<Rgb>,
+    /// Width α a texel.
+    pub alpha: Vec<f32>,
+}
+
+impl MicrofacetPlane {
+    fn at(&self, index: usize) -> Microfacet {
+        Microfacet { f0: self.f0[index], f90: self.f90[index], alpha: self.alpha[index] }
+    }
 }
 
 /// The fitted coefficients of every texel (2.11 in the form (4.1)).
@@ -31,6 +48,8 @@ pub struct SbrdfMap {
     pub beta: Vec<f32>,
     /// The lobes; every texel has all of them, unused ones with ρ_s = 0.
     pub lobes: Vec<LobePlane>,
+    /// The microfacet terms; unused ones with f0 = f90 = 0.
+    pub microfacets: Vec<MicrofacetPlane>,
     /// Further planes by channel name, such as the fit's residual `error.rms`.
     pub extra: BTreeMap<String, Vec<f32>>,
     /// Text attributes: units and provenance.
@@ -56,7 +75,7 @@ impl SbrdfMap {
         }
     }
 
-    /// A map whose texels are the given BRDFs, row by row; shorter lobe lists are filled up with lobes of ρ_s = 0.
+    /// A map whose texels are the given BRDFs, row by row; shorter lists are filled up with black lobes and microfacet terms.
     ///
     /// # Panics
     /// When `texels` is not `width` × `height` long.
@@ -64,13 +83,16 @@ impl SbrdfMap {
         assert_eq!(texels.len(), width * height, "one BRDF a texel");
         let lobes = texels.iter().map(|texel| texel.lobes.len()).max().unwrap_or(0);
         let mut map = Self::new(width, height, lobes);
+        let black = vec![Rgb::ZERO; texels.len()];
+        let plane = MicrofacetPlane { f0: black.clone(), f90: black, alpha: vec![1.0; texels.len()] };
+        map.microfacets = vec![plane; texels.iter().map(|texel| texel.microfacets.len()).max().unwrap_or(0)];
         for (index, texel) in texels.iter().enumerate() {
             map.set(index, texel);
         }
         map
     }
 
-    /// Sets the coefficients of texel `index` (row · width + column); lobes beyond the map's number are dropped.
+    /// Sets the coefficients of texel `index` (row · width + column); what is beyond the map's number of lobes or microfacet terms is dropped.
     pub fn set(&mut self, index: usize, texel: &LobeBrdf) {
         self.rho_d[index] = texel.rho_d;
         self.beta[index] = texel.beta;
@@ -79,19 +101,24 @@ impl SbrdfMap {
             plane.c[index] = lobe.c;
             plane.n[index] = lobe.n;
         }
+        for (plane, coat) in self.microfacets.iter_mut().zip(&texel.microfacets) {
+            (plane.f0[index], plane.f90[index], plane.alpha[index]) = (coat.f0, coat.f90, coat.alpha);
+        }
     }
 
-    /// The BRDF of texel `index` (row · width + column), without its black lobes.
+    /// The BRDF of texel `index` (row · width + column), without what is black.
     pub fn texel(&self, index: usize) -> LobeBrdf {
         let lobes = self.lobes.iter().map(|plane| Lobe {
             rho_s: plane.rho_s[index],
             c: plane.c[index],
             n: plane.n[index],
         });
+        let coats = self.microfacets.iter().map(|plane| plane.at(index));
         LobeBrdf {
             rho_d: self.rho_d[index],
             beta: self.beta[index],
             lobes: lobes.filter(|lobe| lobe.rho_s != Rgb::ZERO).collect(),
+            microfacets: coats.filter(|coat| coat.f0 != Rgb::ZERO || coat.f90 != Rgb::ZERO).collect(),
         }
     }
 
@@ -101,8 +128,9 @@ impl SbrdfMap {
             return Rgb::ZERO;
         }
         let beta = self.beta[index];
+        let coats: Rgb = self.microfacets.iter().map(|plane| plane.at(index).eval(wi, wo)).sum();
         let (wi, wo) = (crate::lobe::into_lobe_frame(wi, beta), crate::lobe::into_lobe_frame(wo, beta));
-        let mut reflectance = self.rho_d[index];
+        let mut reflectance = self.rho_d[index] + coats;
         for plane in &self.lobes {
             let rho_s = plane.rho_s[index];
             if rho_s != Rgb::ZERO {
@@ -137,6 +165,8 @@ mod tests {
     #[test]
     fn a_texel_comes_back_as_it_was_set_and_evaluates_alike() {
         let (felt, skin) = (materials::published("felt").unwrap(), materials::published("skin").unwrap());
+        let coat = Microfacet { f0: Rgb::splat(0.04), f90: Rgb::ONE, alpha: 0.1 };
+        let skin = LobeBrdf { microfacets: vec![coat], ..skin };
         let map = SbrdfMap::from_texels(2, 1, &[felt.clone(), skin.clone()]);
         assert_eq!(map.texel(0), felt);
         assert_eq!(map.texel(1), skin);

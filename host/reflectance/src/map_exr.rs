@@ -11,12 +11,18 @@ use exr::prelude::{
 };
 use glam::Vec3;
 
-use crate::{FormatError, LobePlane, SbrdfMap};
+use crate::{FormatError, LobePlane, MicrofacetPlane, SbrdfMap};
 
 /// Attributes that every map carries.
 const UNITS: [(&str, &str); 2] = [
-    ("lobelia:units", "rho_d, lobeN.rho_s: 1/sr; beta: rad; C, n: none; reflectance excludes the cosine"),
-    ("lobelia:model", "rho_d + sum rho_s max(0, (R(-beta) C R(beta) wi).wo)^n"),
+    (
+        "lobelia:units",
+        "rho_d, lobeN.rho_s: 1/sr; beta: rad; C, n, f0, f90, alpha: none; reflectance excludes the cosine",
+    ),
+    (
+        "lobelia:model",
+        "rho_d + sum rho_s max(0, (R(-beta) C R(beta) wi).wo)^n + sum ggx: Schlick(f0, f90) D(alpha) G / (4 cos_i cos_o)",
+    ),
 ];
 
 /// Names the error of the exr crate by what it means for the caller.
@@ -36,6 +42,11 @@ pub(crate) fn write(map: &SbrdfMap, path: &Path) -> Result<(), FormatError> {
         push_vectors(&mut planes, &format!("lobe{j}.rho_s"), ["R", "G", "B"], &lobe.rho_s);
         push_vectors(&mut planes, &format!("lobe{j}.C"), ["x", "y", "z"], &lobe.c);
         planes.push((format!("lobe{j}.n"), lobe.n.clone()));
+    }
+    for (j, coat) in map.microfacets.iter().enumerate() {
+        push_vectors(&mut planes, &format!("ggx{j}.f0"), ["R", "G", "B"], &coat.f0);
+        push_vectors(&mut planes, &format!("ggx{j}.f90"), ["R", "G", "B"], &coat.f90);
+        planes.push((format!("ggx{j}.alpha"), coat.alpha.clone()));
     }
     planes.extend(map.extra.iter().map(|(name, plane)| (name.clone(), plane.clone())));
 
@@ -133,6 +144,14 @@ pub(crate) fn read(path: &Path) -> Result<SbrdfMap, FormatError> {
             n: take(&mut planes, &format!("lobe{j}.n"), path)?,
         });
     }
+    while planes.contains_key(&format!("ggx{}.alpha", map.microfacets.len())) {
+        let j = map.microfacets.len();
+        map.microfacets.push(MicrofacetPlane {
+            f0: take_vectors(&mut planes, &format!("ggx{j}.f0"), ["R", "G", "B"], path)?,
+            f90: take_vectors(&mut planes, &format!("ggx{j}.f90"), ["R", "G", "B"], path)?,
+            alpha: take(&mut planes, &format!("ggx{j}.alpha"), path)?,
+        });
+    }
     map.extra = planes;
     for (name, value) in &image.layer_data.attributes.other {
         if let AttributeValue::Text(text) = value {
@@ -166,11 +185,12 @@ fn take_vectors(
 
 #[cfg(test)]
 mod tests {
-    use crate::{SbrdfMap, materials};
+    use crate::{Microfacet, Rgb, SbrdfMap, materials};
 
     fn example() -> SbrdfMap {
-        let texels: Vec<_> =
+        let mut texels: Vec<_> =
             materials::NAMES.iter().map(|name| materials::published(name).unwrap().rotated(0.3)).collect();
+        texels[1].microfacets.push(Microfacet { f0: Rgb::splat(0.04), f90: Rgb::ONE, alpha: 0.1 });
         let mut map = SbrdfMap::from_texels(3, 2, &texels);
         map.extra.insert("error.rms".into(), vec![0.25; 6]);
         map.attributes.insert("lobelia:source".into(), "published lobes".into());

@@ -1,9 +1,11 @@
-//! Measured BRDF tables: the Cornell `.brdf` text format, and a smooth interpolation that is fast enough for a renderer.
+//! Measured BRDF tables: the Cornell `.brdf` text format, ALTA's text format, MERL's `.binary`, and a smooth interpolation that is fast enough for a renderer.
 //!
 //! A table is a list of scattered direction pairs, each with a reflectance a wavelength. [`MeasuredTable`] holds the rows as they
 //! were measured; [`InterpolatedBrdf`] fills a regular grid from them once and then answers for any pair of directions.
 
+mod alta;
 mod interpolated;
+mod merl;
 mod parse;
 
 use std::path::Path;
@@ -53,14 +55,14 @@ fn direction(theta: f64, phi: f64) -> DVec3 {
 /// A measured table as it stands in its file.
 #[derive(Debug, Clone, PartialEq)]
 pub struct MeasuredTable {
-    /// Wavelengths, nm, ascending.
+    /// Wavelengths, nm, ascending. A table of colours has those of [`RGB_WAVELENGTHS_NM`], one of a single value that names none 550 nm.
     pub wavelengths_nm: Vec<f64>,
     /// The rows in the order of the file.
     pub rows: Vec<TableRow>,
 }
 
 impl MeasuredTable {
-    /// Reads a Cornell `.brdf` text file.
+    /// Reads a table: MERL's where the name ends in `.binary`, ALTA's text where the file starts with a header in capitals, else Cornell's.
     ///
     /// # Errors
     /// When the file is missing, or as [`Self::parse`]; the sentence names the file.
@@ -68,9 +70,12 @@ impl MeasuredTable {
         let named =
             |error: &dyn std::fmt::Display| FormatError::Invalid(format!("{}: {error}", path.display()));
         let bytes = std::fs::read(path).map_err(|error| named(&format!("cannot be read: {error}")))?;
+        if path.extension().is_some_and(|extension| extension == "binary") {
+            return merl::parse(&bytes).map_err(|error| named(&error));
+        }
         let text = std::str::from_utf8(&bytes).map_err(|error| {
             let line = 1 + bytes[..error.valid_up_to()].iter().filter(|&&byte| byte == b'\n').count();
-            named(&format!("line {line}: not text (a `.brdf` table is a text file)"))
+            named(&format!("line {line}: not text (only MERL tables, named .binary, are not)"))
         })?;
         Self::parse(text).map_err(|error| named(&error))
     }
@@ -81,8 +86,9 @@ impl MeasuredTable {
     /// # Errors
     /// A sentence with the line, and the row where there is one, for: no or too many wavelengths, something that is not a
     /// number, NaN or infinity, an angle outside the hemisphere, a value too negative for noise, a last row cut short.
+    /// A text that starts with `#` and a capital letter is taken for ALTA's format.
     pub fn parse(text: &str) -> Result<Self, FormatError> {
-        parse::parse(text)
+        if alta::is_alta(text) { alta::parse(text) } else { parse::parse(text) }
     }
 
     /// The values of every row at one wavelength, interpolated linearly between the two nearest measured ones, sr⁻¹.
@@ -111,6 +117,14 @@ impl MeasuredTable {
         let (r, g, b) = (r?, g?, b?);
         Ok((0..r.len()).map(|k| Rgb::new(r[k] as f32, g[k] as f32, b[k] as f32)).collect())
     }
+}
+
+/// A table of rows with one value, or with red, green and blue.
+fn ascending(mut rows: Vec<TableRow>) -> MeasuredTable {
+    let [red, green, blue] = RGB_WAVELENGTHS_NM;
+    rows.iter_mut().for_each(|row| row.values.reverse());
+    let colours = rows.first().is_some_and(|row| row.values.len() == 3);
+    MeasuredTable { wavelengths_nm: if colours { vec![blue, green, red] } else { vec![green] }, rows }
 }
 
 #[cfg(test)]

@@ -203,6 +203,7 @@ impl MaterialRecipe {
             rho_d: Rgb::from_array(rho_d),
             beta: 0.0,
             lobes: self.lobes.iter().map(lobe).collect(),
+            ..LobeBrdf::default()
         };
         Ok(brdf.rotated(self.beta_deg.to_radians()))
     }

@@ -152,6 +152,7 @@ pub fn bench(config: &RigConfig, sample: SampleLayout) -> OpticalBench {
         tags: tags.iter().map(|tag| PrintedTag { id: tag.id, centre_mm: [tag.x_mm, tag.y_mm] }).collect(),
         carrier_albedo: simulator.carrier_albedo,
         sample,
+        cylinder_radius_mm: config.carrier.cylinder_radius_mm,
     })
 }
 

@@ -1,13 +1,14 @@
 //! The station: the rig's controller and the camera that is fired with it, real or simulated.
 
-use std::collections::HashSet;
+use std::collections::{HashMap, HashSet};
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::time::{Duration, Instant};
+use std::time::{Duration, Instant, SystemTime};
 
 use lobelia_protocol::Exposure;
 
+use crate::develop::frame;
 use crate::error::{Error, Result};
 use crate::rig::RigClient;
 
@@ -24,7 +25,7 @@ pub struct Shot {
 
 /// Something that turns an exposure into a file.
 pub enum Camera {
-    /// Software that stores the camera's photographs in a folder; the newest file after a shot is the photograph.
+    /// Software that stores the camera's photographs in a folder; the first whole frame that is new after a shot is the photograph.
     Watch(WatchedFolder),
     /// The simulated camera on the simulated rig.
     #[cfg(feature = "sim")]
@@ -118,6 +119,9 @@ impl Station {
     }
 }
 
+/// Size and time of change of a file, by which a changed one is known.
+type Seen = Option<(u64, Option<SystemTime>)>;
+
 /// A folder into which other software stores photographs.
 pub struct WatchedFolder {
     path: PathBuf,
@@ -142,66 +146,103 @@ impl WatchedFolder {
         Ok(entries.filter_map(|entry| Some(entry.ok()?.path())).filter(|path| path.is_file()).collect())
     }
 
-    /// Waits for a file that was not there before and has stopped growing, and moves it to `file`.
+    /// Waits for a photograph that was not there before and is whole, and moves it to `file`. Software may store in pieces, with
+    /// pauses, and leave other files beside: a file counts once it reads as a frame.
     fn collect(&self, before: &HashSet<PathBuf>, file: &Path) -> Result<()> {
         const LOOK_AGAIN: Duration = Duration::from_millis(50);
         let deadline = Instant::now() + self.timeout;
-        let mut last: Option<(PathBuf, u64)> = None;
+        // Files that did not read as a frame, as they were then.
+        let mut refused: HashMap<PathBuf, (Seen, Error)> = HashMap::new();
         while Instant::now() < deadline {
-            let newest = self.files()?.into_iter().filter(|path| !before.contains(path)).min();
-            let size = newest.as_ref().and_then(|path| fs::metadata(path).ok()).map_or(0, |meta| meta.len());
-            let now = newest.map(|path| (path, size));
-            if let (Some((path, size)), true) = (&now, now == last)
-                && *size > 0
-            {
-                return take(path, file);
+            let mut new: Vec<_> = self.files()?.into_iter().filter(|path| !before.contains(path)).collect();
+            new.sort();
+            for path in new {
+                let seen = fs::metadata(&path).ok().map(|meta| (meta.len(), meta.modified().ok()));
+                if refused.get(&path).is_some_and(|(before, _)| *before == seen) {
+                    continue;
+                }
+                match take(&path, file)? {
+                    Ok(()) => return Ok(()),
+                    Err(reason) => refused.insert(path, (seen, reason)),
+                };
             }
-            last = now;
             std::thread::sleep(LOOK_AGAIN);
         }
         let seconds = self.timeout.as_secs_f64();
-        let message =
-            format!("no photograph arrived within {seconds} s; is the camera's software storing here?");
-        Err(Error::failure(format!("{}: {message}", self.path.display())))
+        let hint = match refused.into_iter().min_by(|a, b| a.0.cmp(&b.0)) {
+            Some((_, (_, reason))) => format!("what came is none: {reason}"),
+            None => "is the camera's software storing here?".into(),
+        };
+        let folder = self.path.display();
+        Err(Error::failure(format!("{folder}: no photograph arrived within {seconds} s; {hint}")))
     }
 }
 
-/// Copies a photograph under a temporary name, renames it, and removes the original.
-fn take(from: &Path, to: &Path) -> Result<()> {
+/// Copies a photograph under a temporary name, renames it, and removes the original. The inner error says why the file is not a
+/// frame, or not yet.
+fn take(from: &Path, to: &Path) -> Result<Result<()>> {
     let bytes = fs::read(from).map_err(|error| Error::reading(from, error))?;
-    if bytes.starts_with(&crate::develop::frame::JPEG_START) {
-        let message =
-            "the camera stored a JPEG, which is not linear; set it to store raw or 16-bit TIFF files";
+    if bytes.starts_with(&frame::JPEG_START) {
+        let message = "the camera stored a JPEG, which is not linear; set it to store 16-bit TIFF files";
         return Err(Error::input(format!("{}: {message}", from.display())));
     }
+    if let Err(reason) = frame::decode(&bytes, from) {
+        return Ok(Err(reason));
+    }
     crate::files::write_bytes(to, &bytes)?;
-    fs::remove_file(from).map_err(|error| Error::writing(from, error))
+    fs::remove_file(from).map_err(|error| Error::writing(from, error))?;
+    Ok(Ok(()))
 }
 
-#[cfg(test)]
+#[cfg(all(test, feature = "sim"))]
+#[allow(clippy::unwrap_used, reason = "clippy does not see that this is a test module")]
 mod tests {
     use super::*;
+    use lobelia_hil_sim::optics::frame::{FrameNotes, write_tiff};
+    use std::io::Cursor;
+
+    fn frame() -> Vec<u8> {
+        let mut bytes = Cursor::new(Vec::new());
+        let notes = FrameNotes { exposure_s: 0.1, f_number: 16.0, taken_s: 5 };
+        write_tiff(&mut bytes, 8, 6, &[7; 48], &notes).unwrap();
+        bytes.into_inner()
+    }
 
     #[test]
-    fn a_watched_folder_gives_the_new_file_and_leaves_the_old() {
-        let folder = tempfile::tempdir().unwrap();
-        fs::write(folder.path().join("old.tiff"), b"old").unwrap();
+    fn a_watched_folder_gives_the_new_frame_once_it_is_whole_and_leaves_all_else() {
+        let (folder, target) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
+        fs::write(folder.path().join("old.tiff"), frame()).unwrap();
         let watched = WatchedFolder::new(folder.path(), Duration::from_secs(20)).unwrap();
         let before = watched.files().unwrap();
-        fs::write(folder.path().join("new.tiff"), b"new").unwrap();
-        let target = tempfile::tempdir().unwrap();
+        let (sidecar, new) = (folder.path().join("new.log"), folder.path().join("new.tiff"));
+        fs::write(&sidecar, b"stored").unwrap();
+        let bytes = frame();
+        fs::write(&new, &bytes[..bytes.len() / 2]).unwrap();
         let file = target.path().join("frame.tiff");
-        watched.collect(&before, &file).unwrap();
-        assert_eq!(fs::read(&file).unwrap(), b"new");
+        std::thread::scope(|scope| {
+            // Longer than it takes to look twice.
+            scope.spawn(|| {
+                std::thread::sleep(Duration::from_millis(150));
+                fs::write(&new, &bytes).unwrap();
+            });
+            watched.collect(&before, &file).unwrap();
+        });
+        assert_eq!(fs::read(&file).unwrap(), bytes);
+        fs::remove_file(sidecar).unwrap();
         assert_eq!(watched.files().unwrap(), before);
     }
 
     #[test]
-    fn a_photograph_that_does_not_arrive_is_a_failure() {
+    fn a_photograph_that_does_not_arrive_is_a_failure_that_says_what_came() {
         let folder = tempfile::tempdir().unwrap();
         let watched = WatchedFolder::new(folder.path(), Duration::from_millis(120)).unwrap();
-        let error = watched.collect(&HashSet::new(), &folder.path().join("x")).unwrap_err();
-        assert_eq!(error.exit_code(), 1);
+        let collect = || watched.collect(&HashSet::new(), &folder.path().join("x")).unwrap_err();
+        assert_eq!(collect().exit_code(), 1);
+        assert!(collect().to_string().contains("storing here?"));
+        fs::write(folder.path().join("half.tiff"), &frame()[..60]).unwrap();
+        assert!(collect().to_string().contains("half.tiff: the frame is truncated"));
+        fs::write(folder.path().join("a.jpg"), b"\xff\xd8\xff\xe0\x00\x10JFIF").unwrap();
+        assert_eq!(collect().exit_code(), 2);
         assert!(WatchedFolder::new(&folder.path().join("gone"), Duration::ZERO).is_err());
     }
 }

@@ -32,12 +32,13 @@ pub fn chart(seed: u64) -> Result<Chart> {
         .num_threads(1)
         .build()
         .map_err(|error| Error::failure(format!("a thread cannot be started: {error}")))?;
-    let sections =
+    let mut sections =
         pool.install(|| -> Result<Vec<Section>> { Ok(vec![methods(seed)?, amounts(seed)?, weave(seed)?]) })?;
+    sections.push(super::device::section(seed)?);
     Ok(Chart {
         name: "fit".into(),
         title: "What a fit costs".into(),
-        lead: "Synthetic samples of known materials, fitted texel by texel on one thread; time is that of the fit alone.".into(),
+        lead: "Synthetic samples of known materials, fitted texel by texel on one thread but where CPU and GPU are compared; time is that of the fit alone.".into(),
         sections,
     })
 }
@@ -129,7 +130,7 @@ fn methods(seed: u64) -> Result<Section> {
 }
 
 /// Relative errors of the texels on unposed directions, sorted.
-fn errors(map: &SbrdfMap, truth: &[LobeBrdf], seed: u64) -> Vec<f64> {
+pub(super) fn errors(map: &SbrdfMap, truth: &[LobeBrdf], seed: u64) -> Vec<f64> {
     let pairs: Vec<(Vec3, Vec3)> = (synth::poses(300, seed ^ 0x7465_7374).iter())
         .map(|pose| (pose.light_mm.normalize().as_vec3(), pose.camera_mm.normalize().as_vec3()))
         .collect();
@@ -231,7 +232,7 @@ fn weave_errors_deg(blur: f64, seed: u64) -> Result<Vec<f64>> {
     let side = 4 * THREAD;
     let beta = 17f32.to_radians();
     let lobe = Lobe { rho_s: Rgb::new(0.5, 0.35, 0.15), c: Vec3::new(-1.0, -0.75, 0.95), n: 20.0 };
-    let warp = LobeBrdf { rho_d: Rgb::new(0.06, 0.04, 0.02), beta, lobes: vec![lobe] };
+    let warp = LobeBrdf { rho_d: Rgb::new(0.06, 0.04, 0.02), beta, lobes: vec![lobe], ..LobeBrdf::default() };
     let weft =
         LobeBrdf { rho_d: Rgb::new(0.02, 0.04, 0.08), ..warp.clone() }.rotated(std::f32::consts::FRAC_PI_2);
     let shares: Vec<f32> =

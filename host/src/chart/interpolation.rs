@@ -4,9 +4,11 @@
 use glam::Vec3;
 use rayon::prelude::*;
 
-use super::{Axis, Chart, Plot, Section, Series, Table};
+use super::{Axis, Chart, Plot, Section, Series, Table, filtering};
 use crate::edit::blend::blend;
+use crate::edit::levels;
 use crate::edit::pairs::Pairs;
+use crate::error::Result;
 use crate::fit::mip;
 use crate::fit::texel::Workspace;
 use crate::progress;
@@ -28,7 +30,7 @@ struct Couple {
 
 fn one_lobe(rho_d: f32, c: [f32; 3], n: f32) -> LobeBrdf {
     let lobe = Lobe { rho_s: Rgb::new(0.5, 0.4, 0.3), c: Vec3::from_array(c), n };
-    LobeBrdf { rho_d: Rgb::splat(rho_d), beta: 0.0, lobes: vec![lobe] }
+    LobeBrdf { rho_d: Rgb::splat(rho_d), beta: 0.0, lobes: vec![lobe], ..LobeBrdf::default() }
 }
 
 /// Brushed metal, turned by an angle.
@@ -63,26 +65,6 @@ fn couples() -> Vec<Couple> {
     ]
 }
 
-/// Coefficients interpolated one by one, as filtering hardware does; a lobe that one side lacks has its shape from the other.
-fn by_coefficients(parts: &[(f32, &LobeBrdf)]) -> LobeBrdf {
-    let lobes = parts.iter().map(|(_, brdf)| brdf.lobes.len()).max().unwrap_or(0);
-    let mut mean = LobeBrdf::default();
-    for (weight, brdf) in parts {
-        mean.rho_d += *weight * brdf.rho_d;
-        mean.beta += weight * brdf.beta;
-    }
-    for place in 0..lobes {
-        let have = || parts.iter().filter_map(|(weight, brdf)| Some((*weight, brdf.lobes.get(place)?)));
-        let whole: f32 = have().map(|(weight, _)| weight).sum();
-        mean.lobes.push(Lobe {
-            rho_s: have().map(|(weight, lobe)| weight * lobe.rho_s).sum(),
-            c: have().map(|(weight, lobe)| weight * lobe.c).sum::<Vec3>() / whole,
-            n: have().map(|(weight, lobe)| weight * lobe.n).sum::<f32>() / whole,
-        });
-    }
-    mean
-}
-
 /// ‖f̂ − Σ w f‖² and ‖Σ w f‖² over all pairs of directions, weighted by cosθ_i cosθ_o.
 fn squares(found: &LobeBrdf, parts: &[(f32, &LobeBrdf)]) -> [f64; 2] {
     let pairs = Pairs::over(parts.iter().map(|(_, brdf)| *brdf), PAIRS);
@@ -100,15 +82,19 @@ fn relative(squares: impl IntoIterator<Item = [f64; 2]>) -> f64 {
 }
 
 /// The chart.
-pub fn chart() -> Chart {
-    Chart {
+///
+/// # Errors
+/// Those of the renderers.
+pub fn chart() -> Result<Chart> {
+    let maps = maps();
+    Ok(Chart {
         name: "interpolation".into(),
         title: "Interpolation of BRDFs".into(),
         lead: "Coefficients do not interpolate, reflectance does. What it costs to interpolate coefficients all the same, and what a fit to the blended \
                reflectance leaves."
             .into(),
-        sections: vec![between(), levels()],
-    }
+        sections: vec![between(), by_level(&maps), filtering::section(&maps)?],
+    })
 }
 
 /// Between two texels.
@@ -128,7 +114,7 @@ fn between() -> Section {
                 let fitted = blend(&parts, lobes, workspace).brdf;
                 bar.advance(1);
                 let of = |brdf: &LobeBrdf| relative([squares(brdf, &parts)]);
-                [f64::from(t), of(&by_coefficients(&parts)), of(&fitted)]
+                [f64::from(t), of(&levels::average(&parts)), of(&fitted)]
             })
             .collect();
         let worst = |column: usize| errors.iter().map(|error| error[column]).fold(0.0, f64::max);
@@ -156,17 +142,21 @@ fn between() -> Section {
     }
 }
 
-/// MIP levels of two maps.
-fn levels() -> Section {
+/// Checks of gloss and satin, and of metal brushed in two directions.
+fn maps() -> [(&'static str, SbrdfMap); 2] {
     let (gloss, satin) = (one_lobe(0.05, [-1.0, -1.0, 1.0], 100.0), one_lobe(0.2, [-1.0, -1.0, 0.8], 8.0));
-    let maps = [
+    [
         ("gloss, satin", showcase::check(&gloss, &satin, 11, 3)),
         ("brushed ±20°", showcase::check(&brushed(-0.35), &brushed(0.35), 11, 3)),
-    ];
+    ]
+}
+
+/// MIP levels of two maps.
+fn by_level(maps: &[(&str, SbrdfMap)]) -> Section {
     let mut table =
         Table::new(["map", "level", "texels", "coefficients averaged", "fit to the averaged reflectance"]);
     let mut series = Vec::new();
-    for (name, map) in &maps {
+    for (name, map) in maps {
         let size = [map.width, map.height];
         let mut errors = Vec::new();
         for level in 1..=mip::last(size) {
@@ -213,14 +203,10 @@ fn level_errors(map: &SbrdfMap, level: u32) -> [f64; 2] {
         .into_par_iter()
         .step_by(step)
         .map_init(Workspace::default, |workspace, texel| {
-            let fine = |at: usize, edge: usize| (at << level)..((at + 1) << level).min(edge);
-            let (xs, ys) = (fine(texel % columns, map.width), fine(texel / columns, map.height));
-            let texels: Vec<LobeBrdf> =
-                ys.flat_map(|y| xs.clone().map(move |x| y * map.width + x)).map(|k| map.texel(k)).collect();
-            let parts: Vec<(f32, &LobeBrdf)> =
-                texels.iter().map(|brdf| (1.0 / texels.len() as f32, brdf)).collect();
+            let texels = levels::beneath(map, level, texel);
+            let parts = levels::evenly(&texels);
             let fitted = blend(&parts, map.lobes.len(), workspace).brdf;
-            [squares(&by_coefficients(&parts), &parts), squares(&fitted, &parts)]
+            [squares(&levels::average(&parts), &parts), squares(&fitted, &parts)]
         })
         .collect();
     [0, 1].map(|method| relative(errors.iter().map(|error| error[method])))
@@ -233,11 +219,11 @@ mod tests {
     #[test]
     fn interpolated_coefficients_are_the_means_one_by_one() {
         let (a, b) = (one_lobe(0.1, [-1.0, -1.0, 1.0], 10.0), one_lobe(0.3, [-1.0, -1.0, 0.8], 30.0));
-        let mean = by_coefficients(&[(0.25, &a), (0.75, &b)]);
+        let mean = levels::average(&[(0.25, &a), (0.75, &b)]);
         assert!((mean.rho_d.x - 0.25).abs() < 1e-6 && (mean.lobes[0].n - 25.0).abs() < 1e-5);
         assert!((mean.lobes[0].c.z - 0.85).abs() < 1e-6);
         let diffuse = LobeBrdf::diffuse(Rgb::ONE);
-        let half = by_coefficients(&[(0.5, &diffuse), (0.5, &b)]);
+        let half = levels::average(&[(0.5, &diffuse), (0.5, &b)]);
         assert_eq!((half.lobes[0].n, half.lobes[0].rho_s), (30.0, 0.5 * b.lobes[0].rho_s));
         assert!(relative([squares(&half, &[(0.5, &diffuse), (0.5, &b)])]) < 1e-6);
     }

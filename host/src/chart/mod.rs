@@ -11,14 +11,20 @@ use crate::error::{Error, Result};
 use crate::files;
 use crate::page::{self, html};
 
+mod device;
+pub mod environment;
+mod filtering;
 pub mod fit;
 pub mod interpolation;
+pub mod lights;
 pub mod plan;
 mod plot;
 pub mod render;
 pub mod stability;
 pub mod storage;
 mod table;
+#[cfg(feature = "sim")]
+mod weave;
 
 pub use plot::{Axis, Plot, Series};
 pub use table::{Cell, Table};

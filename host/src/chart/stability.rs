@@ -1,4 +1,4 @@
-//! The failure atlas: methods where they break. Fits of one noisy lobe against the Cramér–Rao bound.
+//! The failure atlas: methods where they break. Fits of one noisy lobe against the Cramér–Rao bound; the direction of anisotropy under blur.
 
 use glam::{DVec3, Vec3};
 
@@ -35,7 +35,7 @@ const RATIO: usize = 7;
 /// A lobe that stands for a glossy paint: ρ_d, ρ_s, and C = (−1, −1, Cz).
 fn truth(n: f64) -> LobeBrdf {
     let lobe = Lobe { rho_s: Rgb::new(0.4, 0.35, 0.3), c: Vec3::new(-1.0, -1.0, 0.95), n: n as f32 };
-    LobeBrdf { rho_d: Rgb::new(0.1, 0.06, 0.03), beta: 0.0, lobes: vec![lobe] }
+    LobeBrdf { rho_d: Rgb::new(0.1, 0.06, 0.03), beta: 0.0, lobes: vec![lobe], ..LobeBrdf::default() }
 }
 
 /// What a method makes of the repeats.
@@ -53,13 +53,16 @@ struct Outcome {
 /// # Errors
 /// When the bound does not exist, which the poses rule out.
 pub fn fit(seed: u64) -> Result<Chart> {
-    let sections: Result<Vec<Section>> =
-        [false, true].map(|aimed| section(seed, aimed)).into_iter().collect();
     Ok(Chart {
         name: "stability-fit".into(),
         title: "Where fits break".into(),
-        lead: "No unbiased fit can have a smaller variance than the Cramér–Rao bound; one that is far above it, or far off where it says that it is not, cannot be trusted.".into(),
-        sections: sections?,
+        lead: "No unbiased fit can have a smaller variance than the Cramér–Rao bound; one that is far above it, or far off where it says that it is not, cannot be trusted. Where photographs are badly registered, threads of a weave mix.".into(),
+        sections: vec![
+            section(seed, false)?,
+            section(seed, true)?,
+            #[cfg(feature = "sim")]
+            super::weave::section(seed)?,
+        ],
     })
 }
 

@@ -3,13 +3,19 @@
 //! A lobe's value goes as the n-th power of its base, so an error of C counts n times: what is exact enough for a colour is not for
 //! C of a sharp lobe.
 
-use exr::prelude::f16;
-use glam::Vec3;
+use std::path::Path;
 
-use super::{Axis, Chart, Plot, Section, Series, Table};
+use glam::{Affine3A, Quat, Vec2, Vec3};
+
+use super::{Axis, Chart, Picture, Plot, Section, Series, Table};
 use crate::edit::pairs::Pairs;
+use crate::error::Result;
 use crate::fit::random::Random;
-use crate::reflectance::{Brdf, Lobe, LobeBrdf, Rgb, materials};
+use crate::reflectance::{Brdf, Lobe, LobeBrdf, Rgb, SbrdfMap, materials};
+use crate::render::compare::compare;
+use crate::render::lights::{self, Filtering, cpu};
+use crate::render::storage::{Storage, brightest};
+use crate::scene::{Camera, Light, Material, Mesh, Object, Scene, shapes};
 
 /// Exponents of the test lobes.
 const EXPONENTS: [f32; 12] = [1.0, 2.0, 4.0, 8.0, 16.0, 32.0, 64.0, 128.0, 256.0, 512.0, 1024.0, 2048.0];
@@ -17,105 +23,6 @@ const EXPONENTS: [f32; 12] = [1.0, 2.0, 4.0, 8.0, 16.0, 32.0, 64.0, 128.0, 256.0
 const LOBES: usize = 48;
 /// Pairs of directions that an error is taken over.
 const PAIRS: usize = 512;
-/// Bounds of the logarithmic 8-bit exponent.
-const LOG_EXPONENT: [f32; 2] = [0.5, 5000.0];
-
-/// A way to store coefficients.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Storage {
-    /// 32-bit floats.
-    F32,
-    /// 16-bit floats.
-    F16,
-    /// 16-bit floats, C scaled so that a lobe's largest base is exactly 1; ρ_s is then its peak.
-    F16Scaled,
-    /// 8 bits a coefficient as the source did: C over −1..1, n over 0..255, albedos over 0..1 sr⁻¹, all clamped.
-    Bits8,
-    /// 8 bits: C scaled as above, ln n, and albedos over the map's own range.
-    Bits8Scaled,
-}
-
-impl Storage {
-    /// All of them.
-    pub const ALL: [Self; 5] = [Self::F32, Self::F16, Self::F16Scaled, Self::Bits8, Self::Bits8Scaled];
-
-    /// Name in charts.
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::F32 => "f32",
-            Self::F16 => "f16",
-            Self::F16Scaled => "f16, C scaled",
-            Self::Bits8 => "8 bits, as published",
-            Self::Bits8Scaled => "8 bits, C scaled, log n",
-        }
-    }
-
-    /// Bytes of a texel with one lobe: ρ_d, ρ_s, C and n, with β.
-    pub fn bytes(self) -> usize {
-        11 * match self {
-            Self::F32 => 4,
-            Self::F16 | Self::F16Scaled => 2,
-            Self::Bits8 | Self::Bits8Scaled => 1,
-        }
-    }
-
-    /// The BRDF as it comes back; `brightest` is the largest albedo factor of the map.
-    pub fn stored(self, brdf: &LobeBrdf, brightest: f32) -> LobeBrdf {
-        let albedo = |rho: Rgb| match self {
-            Self::F32 => rho,
-            Self::F16 | Self::F16Scaled => half(rho),
-            Self::Bits8 => rho.map(|rho| unorm(rho, 0.0, 1.0)),
-            Self::Bits8Scaled => rho.map(|rho| unorm(rho, 0.0, brightest)),
-        };
-        let lobe = |lobe: &Lobe| {
-            let is_scaled = matches!(self, Self::F16Scaled | Self::Bits8Scaled);
-            let Lobe { rho_s, c, n } = if is_scaled { scaled(lobe) } else { *lobe };
-            let (c, n) = match self {
-                Self::F32 => (c, n),
-                Self::F16 | Self::F16Scaled => (half(c), f16::from_f32(n).to_f32()),
-                Self::Bits8 => (c.map(|c| unorm(c, -1.0, 1.0)), unorm(n, 0.0, 255.0)),
-                Self::Bits8Scaled => {
-                    let [least, most] = LOG_EXPONENT.map(f32::ln);
-                    (c.map(snorm), unorm(n.ln(), least, most).exp())
-                }
-            };
-            Lobe { rho_s: albedo(rho_s), c, n }
-        };
-        LobeBrdf { rho_d: albedo(brdf.rho_d), beta: brdf.beta, lobes: brdf.lobes.iter().map(lobe).collect() }
-    }
-}
-
-fn half(v: Vec3) -> Vec3 {
-    v.map(|v| f16::from_f32(v).to_f32())
-}
-
-/// A value in 256 steps over a range.
-fn unorm(value: f32, low: f32, high: f32) -> f32 {
-    let step = ((value - low) / (high - low)).clamp(0.0, 1.0) * 255.0;
-    low + step.round() / 255.0 * (high - low)
-}
-
-/// A value in 255 steps over −1..1, of which −1, 0 and 1 are exact.
-fn snorm(value: f32) -> f32 {
-    (value.clamp(-1.0, 1.0) * 127.0).round() / 127.0
-}
-
-/// The same lobe with the largest base over all pairs of directions scaled to 1: ρ_s is then its peak. A lobe whose base is
-/// nowhere positive stays as it is.
-fn scaled(lobe: &Lobe) -> Lobe {
-    let largest = lobe.c.x.abs().max(lobe.c.y.abs()).max(lobe.c.z);
-    if largest <= 0.0 {
-        return *lobe;
-    }
-    let factor = f64::from(largest).powf(f64::from(lobe.n)) as f32;
-    Lobe { rho_s: lobe.rho_s * factor, c: lobe.c / largest, n: lobe.n }
-}
-
-/// The largest albedo factor of a BRDF after scaling C.
-fn brightest(brdf: &LobeBrdf) -> f32 {
-    let lobes = brdf.lobes.iter().map(|lobe| scaled(lobe).rho_s.max_element());
-    lobes.fold(brdf.rho_d.max_element(), f32::max)
-}
 
 /// ‖f̂ − f‖ / ‖f‖ of a stored BRDF, weighted by cosθ_i cosθ_o.
 fn relative_error(storage: Storage, brdf: &LobeBrdf, pairs: &Pairs) -> f64 {
@@ -131,17 +38,25 @@ fn test_lobe(n: f32, random: &mut Random) -> LobeBrdf {
     let (across, up) = (off.exp(), (-off).exp());
     let c = Vec3::new(-across, -across, up) / (0.5 * (across + up));
     let lobe = Lobe { rho_s: Rgb::splat(0.9), c, n };
-    LobeBrdf { rho_d: Rgb::splat(random.uniform(0.02, 0.2) as f32), beta: 0.0, lobes: vec![lobe] }
+    LobeBrdf {
+        rho_d: Rgb::splat(random.uniform(0.02, 0.2) as f32),
+        beta: 0.0,
+        lobes: vec![lobe],
+        ..LobeBrdf::default()
+    }
 }
 
 /// The chart.
-pub fn chart(seed: u64) -> Chart {
-    Chart {
+///
+/// # Errors
+/// Those of the renderer.
+pub fn chart(seed: u64) -> Result<Chart> {
+    Ok(Chart {
         name: "storage".into(),
         title: "Storage of coefficients".into(),
         lead: "What reflectance loses when C, n and the albedos are stored in fewer bits.".into(),
-        sections: vec![by_exponent(seed), published(), grazing(), banding()],
-    }
+        sections: vec![by_exponent(seed), published(), grazing(), banding(), pictures()?],
+    })
 }
 
 fn by_exponent(seed: u64) -> Section {
@@ -205,7 +120,7 @@ fn published() -> Section {
 /// In the mirror direction, where a lobe with |Cx| > 1 grows toward grazing angles and a clamped one does not.
 fn grazing() -> Section {
     let lobe = Lobe { rho_s: Rgb::splat(0.3), c: Vec3::new(-1.04, -1.04, 0.94), n: 40.0 };
-    let brdf = LobeBrdf { rho_d: Rgb::splat(0.05), beta: 0.0, lobes: vec![lobe] };
+    let brdf = LobeBrdf { rho_d: Rgb::splat(0.05), beta: 0.0, lobes: vec![lobe], ..LobeBrdf::default() };
     let angles: Vec<f32> = (0..=44).map(|k| 2.0 * k as f32).collect();
     let curve = |storage: Storage| {
         let stored = storage.stored(&brdf, brightest(&brdf));
@@ -246,7 +161,7 @@ fn banding() -> Section {
     let texel = |k: usize| {
         let n = 2.0 + 8.0 * k as f32 / (TEXELS - 1) as f32;
         let lobe = Lobe { rho_s: Rgb::splat(0.3), c: Vec3::new(-1.0, -1.0, 1.0), n };
-        LobeBrdf { rho_d: Rgb::splat(0.02), beta: 0.0, lobes: vec![lobe] }
+        LobeBrdf { rho_d: Rgb::splat(0.02), beta: 0.0, lobes: vec![lobe], ..LobeBrdf::default() }
     };
     let (wi, wo) = (Vec3::new(0.5, 0.0, 0.75f32.sqrt()), Vec3::Z);
     let mut table = Table::new(["storage", "values in 256 texels", "largest step, % of the value"]);
@@ -276,28 +191,78 @@ fn banding() -> Section {
     }
 }
 
+/// A scene where both artefacts show: a floor whose lobe grows toward grazing angles, seen against the light, and a ball whose
+/// exponent rises from 2 to 10 around it.
+fn showing_artefacts() -> Result<Scene> {
+    let mut scene = Scene::open(Path::new("lamps"))?;
+    let shiny = |rho_d: f32, c: [f32; 3], n: f32| LobeBrdf {
+        lobes: vec![Lobe { rho_s: Rgb::splat(0.3), c: c.into(), n }],
+        ..LobeBrdf::diffuse(Rgb::splat(rho_d))
+    };
+    let texel = |k: usize| shiny(0.06, [-1.0, -1.0, 1.0], 2.0 + 8.0 * k as f32 / 255.0);
+    let ramp = SbrdfMap::from_texels(256, 1, &(0..256).map(texel).collect::<Vec<_>>());
+    let object = |name: &str, mesh: Mesh, transform, material| Object {
+        name: name.into(),
+        mesh: mesh.into(),
+        transform,
+        material,
+    };
+    let (floor, turn) = (shiny(0.15, [-1.04, -1.04, 0.94], 40.0), Quat::from_rotation_y(-1.2));
+    let ball = Affine3A::from_scale_rotation_translation(Vec3::splat(0.5), turn, Vec3::new(0.0, 0.5, 0.0));
+    scene.objects = vec![
+        object("floor", shapes::plane(1), Affine3A::from_scale(Vec3::splat(8.0)), Material::uniform(floor)),
+        object("ball", shapes::sphere(192, 96), ball, Material::map(ramp.into(), Vec2::ONE)),
+    ];
+    scene.lights = vec![
+        Light::Directional { toward: Vec3::new(0.35, 0.28, -1.0).normalize(), irradiance: Rgb::splat(0.8) },
+        Light::Directional { toward: Vec3::new(-0.6, 0.8, 0.7).normalize(), irradiance: Rgb::splat(1.6) },
+    ];
+    scene.camera = Camera {
+        position: Vec3::new(0.0, 0.9, 3.2),
+        target: Vec3::new(0.0, 0.35, 0.0),
+        up: Vec3::Y,
+        fov: 32f32.to_radians(),
+        width: 320,
+        height: 240,
+    };
+    Ok(scene)
+}
+
+/// The artefacts in pictures.
+fn pictures() -> Result<Section> {
+    let scene = showing_artefacts()?;
+    let render = |storage| {
+        cpu::render(&scene, &lights::Settings { storage, filtering: Filtering::Finest, ..Default::default() })
+    };
+    let exact = render(Storage::F32)?;
+    let mut table = Table::new(["storage", "relative RMSE", "FLIP"]);
+    let mut pictures = vec![];
+    for storage in Storage::ALL {
+        let picture = render(storage)?;
+        let errors = compare(&picture, &exact)?;
+        table.row([storage.name().into(), errors.relative_rmse.into(), errors.flip.into()]);
+        pictures.push(Picture { title: storage.name().into(), png: picture.png(scene.exposure)? });
+    }
+    Ok(Section {
+        title: "In pictures".into(),
+        text: "The renderer `lights` with each storage, against f32: the floor is the lobe of the section on grazing angles, seen against the light, and the \
+               ball's exponent rises from 2 to 10 around it. `lobelia render --method lights --storage` does the same to any scene."
+            .into(),
+        pictures,
+        tables: vec![table],
+        ..Section::default()
+    })
+}
+
 #[cfg(test)]
 mod tests {
+    use super::super::table::number;
     use super::*;
+    use exr::prelude::f16;
 
     fn lobe(cx: f32, cz: f32, n: f32) -> LobeBrdf {
         let lobe = Lobe { rho_s: Rgb::splat(0.3), c: Vec3::new(cx, cx, cz), n };
-        LobeBrdf { rho_d: Rgb::splat(0.1), beta: 0.0, lobes: vec![lobe] }
-    }
-
-    #[test]
-    fn storage_rounds_to_its_steps_and_clamps() {
-        let stored = Storage::Bits8.stored(&lobe(-1.3, 0.5, 300.0), 1.0).lobes[0];
-        assert_eq!((stored.c.x, stored.n), (-1.0, 255.0));
-        assert!((stored.c.z - 0.5).abs() <= 1.0 / 255.0 && stored.c.z != 0.5);
-        let half = Storage::F16.stored(&lobe(-1.0, 0.9, 10.0), 1.0).lobes[0];
-        assert!((half.c.z / 0.9 - 1.0).abs() <= 2f32.powi(-11) && half.c.z != 0.9 && half.n == 10.0);
-        let exact = lobe(-1.0, 1.0, 64.0);
-        assert_eq!(Storage::F32.stored(&exact, 1.0), exact);
-        assert_eq!(
-            Storage::F16Scaled.stored(&lobe(-2.0, 2.0, 8.0), 1.0).lobes[0].c,
-            Vec3::new(-1.0, -1.0, 1.0)
-        );
+        LobeBrdf { rho_d: Rgb::splat(0.1), beta: 0.0, lobes: vec![lobe], ..LobeBrdf::default() }
     }
 
     #[test]
@@ -315,7 +280,7 @@ mod tests {
 
     #[test]
     fn more_bits_and_a_scaled_c_lose_less() {
-        let chart = chart(1);
+        let chart = chart(1).unwrap();
         let errors = |name: &str| -> Vec<f64> {
             let series = &chart.sections[0].plots[0].series;
             series
@@ -334,5 +299,10 @@ mod tests {
         }
         // Sharp lobes: f16 loses more the sharper they are.
         assert!(half[9] > 5.0 * half[5]);
+        // And so it is in pictures.
+        let seen: Vec<f64> =
+            chart.sections[4].tables[0].rows.iter().filter_map(|row| number(&row[1])).collect();
+        let [exact, half, _, published, _] = seen[..] else { panic!("{seen:?}") };
+        assert!(exact == 0.0 && half < 0.01 && published > 0.05, "{seen:?}");
     }
 }

@@ -57,6 +57,16 @@ impl Cell {
     }
 }
 
+/// The number of a cell.
+#[cfg(test)]
+pub(super) fn number(cell: &Cell) -> Option<f64> {
+    match cell {
+        Cell::Text(_) => None,
+        Cell::Count(count) => Some(*count as f64),
+        Cell::Number(number) => Some(*number),
+    }
+}
+
 /// Rows under named columns.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Table {

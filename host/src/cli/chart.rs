@@ -23,7 +23,8 @@ pub(super) struct ChartArgs {
 
 #[derive(Debug, Subcommand)]
 enum What {
-    /// Time and error of fits by method, number of lobes and noise; cost by the amount of data; direction of anisotropy by blur
+    /// Time and error of fits by method, number of lobes and noise; cost by the amount of data; direction of anisotropy by blur; CPU and
+    /// GPU
     Fit,
     /// Poses and travel of plans by their density
     Plan {
@@ -32,8 +33,28 @@ enum What {
     },
     /// Coefficients in fewer bits: f16 and 8 bits against f32
     Storage,
-    /// Interpolated coefficients against interpolated reflectance, between texels and in MIP levels
+    /// Interpolated coefficients against interpolated reflectance, between texels and in MIP levels; filters of textures in pictures
     Interpolation,
+    /// Prefiltered environments: maps against quadrature by exponent, pictures against the path tracer by exponent and angle
+    Environment {
+        /// Environments, .exr or .hdr files or shipped ones; the shipped ones, studio and sky, when none is named
+        environments: Vec<PathBuf>,
+        /// Relative error of the prefiltered maps
+        #[arg(long, value_name = "E", default_value_t = 0.01)]
+        map_error: f32,
+        /// Pixels a row of the pictures
+        #[arg(long, default_value_t = 64, value_parser = clap::value_parser!(u32).range(16..=4096))]
+        width: u32,
+    },
+    /// Frames per second of `lights` by lobes, lights, pixels, filter and storage; needs a GPU
+    Lights {
+        /// The scene, a file or a shipped one; its materials and lights are replaced
+        #[arg(default_value = "gallery")]
+        scene: PathBuf,
+        /// Frames a measurement
+        #[arg(long, default_value_t = 8, value_parser = clap::value_parser!(u32).range(1..=10_000))]
+        frames: u32,
+    },
     /// Time against error of every renderer and setting, judged by the reference
     Render {
         /// Scenes, files or shipped ones; all shipped ones when none is named
@@ -62,8 +83,25 @@ pub(super) fn run(args: &ChartArgs, context: &mut Context) -> Result<()> {
             };
             context.report.stage("chart", || chart::plan::chart(&config, seed))?
         }
-        What::Storage => context.report.stage("chart", || chart::storage::chart(seed)),
-        What::Interpolation => context.report.stage("chart", chart::interpolation::chart),
+        What::Storage => context.report.stage("chart", || chart::storage::chart(seed))?,
+        What::Interpolation => context.report.stage("chart", chart::interpolation::chart)?,
+        What::Environment { environments, map_error, width } => {
+            for path in environments.iter().filter(|path| path.exists()) {
+                context.report.input(path);
+            }
+            let shipped = ["studio", "sky"].map(PathBuf::from).to_vec();
+            let names = if environments.is_empty() { &shipped } else { environments };
+            let open = |name: &PathBuf| {
+                let stem = name.file_stem().unwrap_or_default().to_string_lossy().into_owned();
+                Ok((stem, super::environment::open(name)?))
+            };
+            let named = names.iter().map(open).collect::<Result<Vec<_>>>()?;
+            context.report.stage("chart", || chart::environment::chart(&named, *map_error, *width, seed))?
+        }
+        What::Lights { scene, frames } => {
+            let scene = Scene::open(scene)?;
+            context.report.stage("chart", || chart::lights::chart(&scene, *frames))?
+        }
         What::Render { scenes, samples, width } => {
             let scenes = open(scenes, *width)?;
             context.report.stage("chart", || chart::render::chart(&scenes, *samples, seed))?

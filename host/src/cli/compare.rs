@@ -12,6 +12,9 @@ use crate::reflectance::SbrdfMap;
 
 /// Renders poses of a run from the fitted map with the rig's own camera and light, and shows photograph, rendering and
 /// difference.
+///
+/// The run may be another than the map was measured in: with `cylinder_radius_mm` under [carrier] in its rig.toml, the
+/// sample is bent over a cylinder, its axis along y.
 #[derive(Debug, Args)]
 pub(super) struct CompareArgs {
     /// The run's folder

@@ -165,10 +165,15 @@ pub(super) fn run(args: &EditArgs, context: &mut Context) -> Result<()> {
 /// Reads a map and notes it as an input.
 fn read_map(path: &Path, context: &mut Context) -> Result<SbrdfMap> {
     context.report.input(path);
-    SbrdfMap::read_exr(path).map_err(|error| match error {
+    let map = SbrdfMap::read_exr(path).map_err(|error| match error {
         crate::reflectance::FormatError::Io(error) => Error::reading(path, error),
         invalid => Error::input(invalid.to_string()),
-    })
+    })?;
+    if !map.microfacets.is_empty() {
+        let message = format!("{}: the map has a microfacet term, which `edit` cannot blend", path.display());
+        return Err(Error::input(message));
+    }
+    Ok(map)
 }
 
 fn read_mask(path: &Path, context: &mut Context) -> Result<Mask> {

@@ -1,9 +1,9 @@
 //! `lobelia fit`: a sampled SBRDF into an SBRDF map, at once or in parts, or one measured table into lobes a wavelength.
 
 mod parts;
+mod table;
 
 use std::collections::BTreeMap;
-use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
@@ -12,9 +12,8 @@ use clap::{Args, ValueEnum};
 use crate::error::{Error, Result};
 use crate::fit::chunks::{self, Part};
 use crate::fit::figures::ErrorFigure;
-use crate::fit::table::{self, TableOptions, WavelengthFit};
-use crate::fit::{Diffuse, FitOptions, MOST_LOBES, Method, Residual, mip};
-use crate::reflectance::{MeasuredTable, SbrdfMap};
+use crate::fit::{Device, Diffuse, FitOptions, MOST_LOBES, Method, Residual, gpu, mip};
+use crate::reflectance::SbrdfMap;
 use crate::sampled::SampledStore;
 
 /// Lobes where the method cannot choose: what most materials need and no start fails on.
@@ -23,16 +22,19 @@ const AUTO_LOBES: usize = 2;
 /// Arguments of `lobelia fit`.
 #[derive(Debug, Clone, Args)]
 pub(super) struct FitArgs {
-    /// A sampled SBRDF (folder.zarr) or a measured table (FILE.brdf); with --merge optional: shards are then checked against it
+    /// A sampled SBRDF (folder.zarr) or a measured table (Cornell's .brdf, ALTA's .dat or .txt, MERL's .binary); with --merge optional: shards are then checked against it
     #[arg(required_unless_present = "merge")]
     pub(super) input: Option<PathBuf>,
     /// The SBRDF map to write (OpenEXR); required for a sampled SBRDF
     #[arg(short, long, value_name = "FILE.exr")]
     pub(super) output: Option<PathBuf>,
-    /// Lobes beside the diffuse term: 0 to 4, or `auto`: for each texel of a sampled SBRDF as many as its samples support, at most 4 or
-    /// N with `auto:N`, anisotropic only where that is better (separable method); 2 for tables and lm, 1 with the line search
+    /// Lobes beside the diffuse term: 0 to 4, or `auto`: as many as the samples support, at most 4 or N with `auto:N`, for each texel of
+    /// a sampled SBRDF (separable method; anisotropic only where that is better) or each wavelength of a table; else 2 for lm, 1 with the line search
     #[arg(long, default_value = "auto", value_name = "auto[:N]|N", value_parser = parse_lobes)]
     pub(super) lobes: Lobes,
+    /// What a table is fitted with beside the diffuse term; `auto` is lobes where --lobes is a number
+    #[arg(long, value_enum, default_value_t = ModelName::Auto)]
+    pub(super) model: ModelName,
     /// How the lobes' shapes are found
     #[arg(long, value_enum, default_value_t = MethodName::Auto)]
     pub(super) method: MethodName,
@@ -43,6 +45,10 @@ pub(super) struct FitArgs {
     /// highlight that very few poses meet may be lost with them
     #[arg(long)]
     pub(super) robust: bool,
+    /// What fits a sampled SBRDF. Both find the same lobes but for rounding; only the CPU gives the same bytes on every machine. The GPU does the
+    /// separable method
+    #[arg(long, value_enum, default_value_t = DeviceName::Auto)]
+    pub(super) device: DeviceName,
     /// Isotropic lobes only: Cx = Cy, no direction of anisotropy. Tables are always fitted so
     #[arg(long)]
     pub(super) isotropic: bool,
@@ -52,8 +58,13 @@ pub(super) struct FitArgs {
     /// Take the diffuse term from this percentile of a texel's samples instead of fitting it with the lobes
     #[arg(long, value_name = "PERCENT")]
     pub(super) diffuse_percentile: Option<f64>,
-    /// Wavelengths of a table to fit, nm; three of them can be written as red, green and blue, the longest as red
-    #[arg(long, value_delimiter = ',', value_name = "NM,…", default_values_t = [450.0, 550.0, 650.0])]
+    /// Fit texels or wavelengths that reflect more than they receive from some direction again, so that they do not: directional
+    /// albedo at most 1 at incidences from 0° to 89°. What that costs is printed and reported
+    #[arg(long)]
+    pub(super) conserve_energy: bool,
+    /// Wavelengths of a table to fit, nm; three of them can be written as red, green and blue, the longest as red. Without it 450, 550
+    /// and 650, or the one of a table that has no other
+    #[arg(long, value_delimiter = ',', value_name = "NM,…")]
     pub(super) wavelengths_nm: Vec<f64>,
     /// Incidences of a table that the fit does not see, degrees; the errors there are reported
     #[arg(long, value_delimiter = ',', value_name = "DEG,…")]
@@ -81,6 +92,17 @@ pub(super) enum Lobes {
     Count(usize),
 }
 
+/// Names of models on the command line.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub(super) enum ModelName {
+    /// Lobes alone, or with a GGX microfacet term: what predicts left-out incidences better
+    Auto,
+    /// Lobes alone
+    Lobes,
+    /// Lobes and one GGX microfacet term
+    Ggx,
+}
+
 /// Names of methods on the command line.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub(super) enum MethodName {
@@ -92,6 +114,18 @@ pub(super) enum MethodName {
     LineSearch,
     /// Levenberg–Marquardt over shapes and albedos, on luminance, then colours
     Lm,
+}
+
+/// Names of devices on the command line.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub(super) enum DeviceName {
+    /// The GPU if there are 16,384 texels or more, it is no software, and it fits the middle chunk in less time than the CPU; the CPU for
+    /// --chunks, whose parts may be fitted on different machines
+    Auto,
+    /// The CPU, on as many threads as --threads
+    Cpu,
+    /// The GPU, also one in software
+    Gpu,
 }
 
 /// Names of residuals on the command line.
@@ -206,9 +240,9 @@ fn fit_input(args: &FitArgs, seed: u64) -> Result<FitOutcome> {
     };
     match input.extension().and_then(|extension| extension.to_str()) {
         Some("zarr") => fit_sampled(args, input),
-        Some("brdf") => fit_table(args, input, seed),
+        Some("brdf" | "dat" | "txt" | "binary") => table::fit(args, input, seed),
         _ => Err(Error::input(format!(
-            "{}: `fit` reads a sampled SBRDF (.zarr) or a measured table (.brdf); the name's ending must say which",
+            "{}: `fit` reads a sampled SBRDF (.zarr) or a measured table (.brdf, .dat, .txt, .binary); the name's ending must say which",
             input.display()
         ))),
     }
@@ -225,10 +259,13 @@ fn fit_sampled(args: &FitArgs, input: &Path) -> Result<FitOutcome> {
     if !args.hold_out_theta_deg.is_empty() || args.random_starts > 0 {
         return Err(Error::input("--hold-out-theta-deg and --random-starts are for measured tables (.brdf)"));
     }
+    if args.model == ModelName::Ggx {
+        return Err(Error::input("--model ggx is for measured tables; texels are fitted with lobes alone"));
+    }
     let residual = args.residual(FitOptions::default().residual);
     let method = args.method(residual);
     let (lobes, choose) = args.texel_lobes(method);
-    let options = FitOptions {
+    let mut options = FitOptions {
         lobes,
         choose,
         method,
@@ -237,9 +274,14 @@ fn fit_sampled(args: &FitArgs, input: &Path) -> Result<FitOutcome> {
         robust: args.robust,
         diffuse: args.diffuse_percentile.map_or(Diffuse::Joint, Diffuse::Percentile),
         residual,
+        device: if args.device == DeviceName::Gpu { Device::Gpu } else { Device::Cpu },
+        conserve_energy: args.conserve_energy,
     };
     options.check()?;
     let store = SampledStore::open(input)?;
+    if args.device == DeviceName::Auto && args.chunks.is_none() {
+        options.device = gpu::faster(&store, &options)?;
+    }
     if let Some(part) = args.chunks {
         return parts::fit(&store, &options, part, output);
     }
@@ -249,17 +291,20 @@ fn fit_sampled(args: &FitArgs, input: &Path) -> Result<FitOutcome> {
     write_map(&map, output)?;
     if args.mip {
         for level in 1..=mip::last([store.width, store.height]) {
-            let path = output.with_extension(format!("mip{level}.exr"));
-            write_map(&chunks::fit_level(&store, &options, level)?, &path)?;
+            write_map(&chunks::fit_level(&store, &options, level)?, &mip::path(output, level))?;
         }
     }
     let outcome = sampled_outcome(&map, seconds);
     let (texels, poses) = (store.width * store.height, store.poses.len());
+    let device = match options.device {
+        Device::Cpu => String::new(),
+        Device::Gpu => format!(" on {}", gpu::name()?),
+    };
     print(&format!(
-        "{texels} texels × {poses} poses, {} by {}: {seconds:.1} s\n{}",
+        "{texels} texels × {poses} poses, {} by {}{device}: {seconds:.1} s\n{}",
         lobes_in_words(&map, &options),
         options.method.name(),
-        outcome.residuals()
+        outcome.residuals() + &energy_in_words(&map)
     ))?;
     Ok(outcome)
 }
@@ -278,6 +323,25 @@ fn lobes_in_words(map: &SbrdfMap, options: &FitOptions) -> String {
     let shares: Vec<String> =
         (0..=most).map(|count| format!("{count} {} in {:.0} %", word(count), share(count))).collect();
     shares.join(", ")
+}
+
+/// How many texels were held to an albedo of 1, and at what price; empty where that was not asked for.
+fn energy_in_words(map: &SbrdfMap) -> String {
+    let Some((held, median)) = energy_price(map) else { return String::new() };
+    let texels = map.width * map.height;
+    format!(
+        "albedo held to 1 in {held} of {texels} texels, at a median price of {:.2} % of the samples' RMS there\n",
+        100.0 * median
+    )
+}
+
+/// The texels that were changed so that they make no energy, and the median rise of their relative residual.
+fn energy_price(map: &SbrdfMap) -> Option<(usize, f64)> {
+    let (prices, held) = (map.extra.get("error.energy_price")?, map.extra.get("energy_held")?);
+    let mut prices: Vec<f32> =
+        prices.iter().zip(held).filter(|pair| *pair.1 > 0.0).map(|pair| *pair.0).collect();
+    prices.sort_by(f32::total_cmp);
+    Some((prices.len(), prices.get(prices.len() / 2).map_or(0.0, |&price| f64::from(price))))
 }
 
 impl FitOutcome {
@@ -317,140 +381,15 @@ fn sampled_outcome(map: &SbrdfMap, seconds: f64) -> FitOutcome {
         }
         outcome.errors.push(figure);
     }
+    if let Some((held, median)) = energy_price(map) {
+        let over = format!("{held} texels held to an albedo of 1");
+        outcome.errors.push(ErrorFigure::new("energy_price_median", median, "1", over));
+        outcome.figures.insert("texels_held".into(), held.into());
+    }
     outcome.figures.insert("texels".into(), texels.into());
     outcome.figures.insert("texels_without_samples".into(), (texels - relative.len()).into());
     outcome.figures.insert("texels_per_second".into(), (texels as f64 / seconds.max(1e-9)).into());
     outcome
-}
-
-fn fit_table(args: &FitArgs, input: &Path, seed: u64) -> Result<FitOutcome> {
-    if args.chunks.is_some() || args.mip {
-        return Err(Error::input("--chunks and --mip are for sampled SBRDFs (.zarr)"));
-    }
-    if args.diffuse_percentile.is_some() || args.separate_channels {
-        return Err(Error::input(
-            "--diffuse-percentile and --separate-channels are for sampled SBRDFs (.zarr)",
-        ));
-    }
-    let method = match args.method {
-        MethodName::LineSearch => Method::LineSearch,
-        MethodName::Auto | MethodName::Lm => Method::Lm,
-        MethodName::Separable => {
-            return Err(Error::input(
-                "--method separable is for sampled SBRDFs (.zarr); tables are fitted by lm",
-            ));
-        }
-    };
-    let options = TableOptions {
-        method,
-        residual: args.residual(Residual::Balanced),
-        hold_out_theta_deg: args.hold_out_theta_deg.clone(),
-        random_starts: args.random_starts,
-        seed,
-    };
-    if args.output.is_some() && args.wavelengths_nm.len() != 3 {
-        return Err(Error::input(format!(
-            "-o writes red, green and blue: give three --wavelengths-nm, not {}",
-            args.wavelengths_nm.len()
-        )));
-    }
-    let measured = MeasuredTable::read(input).map_err(|error| Error::input(error.to_string()))?;
-    let wanted = args.lobes();
-    let most = if options.method == Method::LineSearch { 1 } else { AUTO_LOBES };
-    let lobes: Vec<usize> = (0..=most.max(wanted)).collect();
-    let start = Instant::now();
-    let fits = table::fit(&measured, &args.wavelengths_nm, &lobes, &options)
-        .map_err(|error| error.at(input.display()))?;
-    let seconds = start.elapsed().as_secs_f64();
-    print(&described(&measured, &fits, wanted, &options, seconds)?)?;
-    if let Some(output) = &args.output {
-        write_map(&table_map(&fits, wanted, &options), output)?;
-    }
-    let mut outcome = FitOutcome { errors: table::figures(&fits, &options), ..FitOutcome::default() };
-    outcome.figures.insert("rows".into(), measured.rows.len().into());
-    outcome.figures.insert("fits".into(), fits.len().into());
-    outcome.figures.insert("fit_seconds".into(), seconds.into());
-    Ok(outcome)
-}
-
-/// The comparison of all fits, then the lobes of those that were asked for.
-fn described(
-    measured: &MeasuredTable,
-    fits: &[WavelengthFit],
-    wanted: usize,
-    options: &TableOptions,
-    seconds: f64,
-) -> Result<String> {
-    let mut text = String::new();
-    write_description(&mut text, measured, fits, wanted, options, seconds)
-        .map_err(|error| Error::failure(error.to_string()))?;
-    Ok(text)
-}
-
-fn write_description(
-    text: &mut String,
-    measured: &MeasuredTable,
-    fits: &[WavelengthFit],
-    wanted: usize,
-    options: &TableOptions,
-    seconds: f64,
-) -> std::fmt::Result {
-    let (method, residual) = (options.method.name(), options.residual.name());
-    writeln!(
-        text,
-        "{} rows, {method}, {residual} residual: {} fits in {seconds:.1} s",
-        measured.rows.len(),
-        fits.len()
-    )?;
-    let held_out = !options.hold_out_theta_deg.is_empty();
-    write!(text, "\n{:>8} {:>5}  {:>12} {:>11}", "nm", "lobes", "train log", "relative")?;
-    if held_out {
-        write!(text, "  {:>12} {:>11}", "held-out log", "relative")?;
-    }
-    let starts = format!("cost / best of {}", options.random_starts);
-    writeln!(text, "{}", if options.random_starts > 0 { format!("  {starts:>18}") } else { String::new() })?;
-    for fit in fits {
-        let errors = &fit.training;
-        write!(
-            text,
-            "{:>8} {:>5}  {:>12.3} {:>11.3}",
-            fit.wavelength_nm, fit.lobes, errors.log_rms, errors.relative_l2
-        )?;
-        if let Some(errors) = &fit.held_out {
-            write!(text, "  {:>12.3} {:>11.3}", errors.log_rms, errors.relative_l2)?;
-        }
-        if let Some(ratio) = fit.start_ratio {
-            write!(text, "  {ratio:>18.4}")?;
-        }
-        writeln!(text)?;
-    }
-    writeln!(text, "\n{:>8} {:>10}  lobes: rho_s (Cx = Cy, Cz) n", "nm", "rho_d")?;
-    for fit in fits.iter().filter(|fit| fit.lobes == wanted) {
-        write!(text, "{:>8} {:>10.5}", fit.wavelength_nm, fit.model.diffuse)?;
-        for lobe in &fit.model.lobes {
-            let c = lobe.c / lobe.reference;
-            write!(text, "  {:.4} ({:.4}, {:.4}) {:.1}", lobe.amplitude, c.x, c.z, lobe.n)?;
-        }
-        writeln!(text)?;
-    }
-    Ok(())
-}
-
-/// A map of one texel: the longest wavelength as red, the shortest as blue.
-fn table_map(fits: &[WavelengthFit], wanted: usize, options: &TableOptions) -> SbrdfMap {
-    let mut channels: Vec<&WavelengthFit> = fits.iter().filter(|fit| fit.lobes == wanted).collect();
-    channels.sort_by(|a, b| b.wavelength_nm.total_cmp(&a.wavelength_nm));
-    let brdf = table::brdf([channels[0], channels[1], channels[2]]);
-    let mut map = SbrdfMap::from_texels(1, 1, &[brdf]);
-    let wavelengths: Vec<String> = channels.iter().map(|fit| fit.wavelength_nm.to_string()).collect();
-    for (key, value) in [
-        ("fit.method", options.method.name().to_string()),
-        ("fit.residual", options.residual.name().to_string()),
-        ("fit.wavelengths_nm", wavelengths.join(",")),
-    ] {
-        map.attributes.insert(key.into(), value);
-    }
-    map
 }
 
 fn write_map(map: &SbrdfMap, path: &Path) -> Result<()> {
@@ -471,6 +410,7 @@ mod tests {
     use super::*;
     use crate::sampled::SampledSbrdf;
     use clap::Parser;
+    use std::fmt::Write as _;
 
     #[derive(Parser)]
     struct Command {
@@ -532,6 +472,33 @@ mod tests {
     }
 
     #[test]
+    fn a_coated_table_of_one_value_in_alta_s_format_becomes_a_grey_map_with_its_term() {
+        let folder = tempfile::tempdir().unwrap();
+        let (input, output) = (folder.path().join("coat.dat"), folder.path().join("coat.exr"));
+        let mut text = String::from("#DIM 4 1\n#PARAM_IN SPHERICAL_TL_PL_TV_PV\n#PARAM_OUT INV_STERADIAN\n");
+        let coat = crate::reflectance::Microfacet {
+            f0: crate::reflectance::Rgb::splat(0.05),
+            f90: crate::reflectance::Rgb::ONE,
+            alpha: 0.2,
+        };
+        for (i, o, p) in (1..8).flat_map(|i| (0..8).flat_map(move |o| (0..7).map(move |p| (i, o, p)))) {
+            let (i, o, p) = (f64::from(i) * 0.17, f64::from(o) * 0.17, f64::from(p) * 0.52);
+            let at = |theta: f64, phi: f64| {
+                glam::DVec3::new(theta.sin() * phi.cos(), theta.sin() * phi.sin(), theta.cos()).as_vec3()
+            };
+            writeln!(text, "{i} 0 {o} {p} {}", 0.1 + coat.eval(at(i, 0.0), at(o, p)).x).unwrap();
+        }
+        std::fs::write(&input, text).unwrap();
+        let arguments =
+            [input.to_str().unwrap(), "-o", output.to_str().unwrap(), "--model", "ggx", "--lobes", "0"];
+        let outcome = fit_input(&parsed(&arguments), 1).unwrap();
+        assert!(outcome.errors.iter().all(|error| error.depends["microfacet"] == true));
+        let map = SbrdfMap::read_exr(&output).unwrap();
+        assert!((map.rho_d[0].y - 0.1).abs() < 1e-4 && map.rho_d[0].x == map.rho_d[0].z);
+        assert!((map.microfacets[0].alpha[0] - 0.2).abs() < 1e-3, "{:?}", map.microfacets);
+    }
+
+    #[test]
     fn wrong_inputs_end_with_a_sentence_and_exit_code_2() {
         let refused = |text: &str, arguments: &[&str]| {
             let error = run_on(text, arguments).1.unwrap_err();
@@ -541,15 +508,52 @@ mod tests {
         assert!(
             refused("1 500 0.1 0 0.1 0 nan", &[]).contains("paint.brdf: line 1: row 1: the value at 500 nm")
         );
-        assert!(refused("1 500 0.1 0 0.1 0 1", &[]).contains("450 nm lies outside"));
+        assert!(refused("1 500 0.1 0 0.1 0 1", &["--wavelengths-nm", "450"]).contains("450 nm lies outside"));
         let two = ["--wavelengths-nm", "450,550", "-o", "x.exr"];
-        assert!(refused(&table_text(), &two).contains("three --wavelengths-nm"));
+        assert!(refused(&table_text(), &two).contains("one or three --wavelengths-nm"));
         assert!(refused(&table_text(), &["--method", "line-search", "--lobes", "2"]).contains("one lobe"));
         assert!(refused(&table_text(), &["--hold-out-theta-deg", "45"]).contains("held-out 45°"));
-        let unknown = fit_input(&parsed(&["paint.txt"]), 1).unwrap_err();
-        assert!(unknown.exit_code() == 2 && unknown.to_string().contains("paint.txt"));
+        assert!(
+            refused(&table_text(), &["--model", "ggx", "--method", "line-search", "--lobes", "1"])
+                .contains("no microfacet term")
+        );
+        let texels = fit_input(&parsed(&["a.zarr", "-o", "a.exr", "--model", "ggx"]), 1).unwrap_err();
+        assert!(texels.exit_code() == 2 && texels.to_string().contains("measured tables"));
+        let unknown = fit_input(&parsed(&["paint.csv"]), 1).unwrap_err();
+        assert!(unknown.exit_code() == 2 && unknown.to_string().contains("paint.csv"));
         let no_output = fit_input(&parsed(&["a.zarr"]), 1).unwrap_err();
         assert!(no_output.to_string().contains("-o FILE.exr"));
+    }
+
+    #[test]
+    fn brushed_metal_is_held_to_what_arrives_and_the_price_is_reported() {
+        let folder = tempfile::tempdir().unwrap();
+        let (input, output) = (folder.path().join("s.zarr"), folder.path().join("m.exr"));
+        let metal = crate::reflectance::materials::published("brushed-metal").unwrap();
+        let options = crate::synth::Options {
+            width: 2,
+            height: 1,
+            texel_mm: 0.5,
+            poses: 150,
+            noise: 0.0,
+            relative_noise: 0.0,
+            seed: 3,
+        };
+        let eval = |wi, wo| crate::reflectance::Brdf::eval(&metal, wi, wo);
+        crate::synth::sample(&options, |_, _, wi, wo| eval(wi, wo)).write_zarr(&input).unwrap();
+        let arguments =
+            [input.to_str().unwrap(), "-o", output.to_str().unwrap(), "--lobes", "3", "--separate-channels"];
+        let albedo = || {
+            let map = SbrdfMap::read_exr(&output).unwrap();
+            crate::reflectance::albedo::largest(&map.texel(1)).max_element()
+        };
+        fit_input(&parsed(&arguments), 1).unwrap();
+        assert!(albedo() > 1.1, "{}", albedo());
+        let outcome = fit_input(&parsed(&[&arguments[..], &["--conserve-energy"]].concat()), 1).unwrap();
+        assert!(albedo() <= 1.0 + crate::fit::conserve::TOLERANCE, "{}", albedo());
+        let price = outcome.errors.iter().find(|error| error.name == "energy_price_median").unwrap();
+        assert!(price.value > 0.0 && price.value < 0.5, "{price:?}");
+        assert!(outcome.figures["texels_held"].as_u64().unwrap() >= 1);
     }
 
     #[test]

@@ -16,6 +16,7 @@ mod compare;
 mod demo;
 mod develop;
 mod edit;
+mod environment;
 mod fit;
 mod plan;
 mod render;
@@ -79,6 +80,8 @@ enum Command {
     Edit(edit::EditArgs),
     /// Renders a scene
     Render(render::RenderArgs),
+    /// Prefilters an environment by lobes, for other renderers
+    Prefilter(environment::PrefilterArgs),
     /// Renders a run's poses from the fitted map, beside the photographs
     Compare(compare::CompareArgs),
     /// Plots what a method costs against how right it is
@@ -106,6 +109,7 @@ impl Command {
             Self::Fit(_) => "fit",
             Self::Edit(_) => "edit",
             Self::Render(_) => "render",
+            Self::Prefilter(_) => "prefilter",
             Self::Rig(_) => "rig",
             Self::Synth(_) => "synth",
             Self::Chart(_) => "chart",
@@ -170,7 +174,7 @@ fn run(cli: Cli) -> Result<()> {
     let seed = given_seed.unwrap_or(1);
     let report_of_run = Report::new(cli.command.name(), seed);
     let mut context = Context { seed, given_seed, quiet, verbose, report: report_of_run };
-    match cli.command {
+    let outcome = match cli.command {
         #[cfg(feature = "sim")]
         Command::Demo(args) => demo::run(&args, &mut context),
         Command::Plan(args) => plan::run(&args, &mut context),
@@ -181,6 +185,7 @@ fn run(cli: Cli) -> Result<()> {
         Command::Synth(args) => synth::run(&args, &mut context),
         Command::Edit(args) => edit::run(&args, &mut context),
         Command::Render(args) => render::run(&args, &mut context),
+        Command::Prefilter(args) => environment::run(&args, &mut context),
         Command::Compare(args) => compare::run(&args, &mut context),
         Command::Stability(args) => stability::run(&args, &mut context),
         Command::Chart(args) => chart::run(&args, &mut context),
@@ -189,12 +194,14 @@ fn run(cli: Cli) -> Result<()> {
             clap_complete::generate(shell, &mut Cli::command(), "lobelia", &mut std::io::stdout());
             Ok(())
         }
-    }?;
+    };
     if let Some(path) = report {
+        context.report.failure = outcome.as_ref().err().map(ToString::to_string);
         context.report.finish();
-        context.report.write(&path)?;
+        let written = context.report.write(&path);
+        return outcome.and(written);
     }
-    Ok(())
+    outcome
 }
 
 #[cfg(test)]

@@ -4,9 +4,14 @@ use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use super::Context;
+use super::environment::EnvironmentArgs;
+use crate::chart::Table;
 use crate::error::{Error, Result};
 use crate::fit::figures::ErrorFigure;
+use crate::render::choose::{Model, Tried};
 use crate::render::compare::{Errors, compare};
+use crate::render::lights::{self, Filtering};
+use crate::render::storage::Storage;
 use crate::render::{self, Cost, Method, Picture, PictureKind, Rendering, reference};
 use crate::report::Stage;
 use crate::scene::{Camera, Scene};
@@ -14,22 +19,24 @@ use crate::scene::{Camera, Scene};
 /// Render a scene of SBRDF materials.
 #[derive(Debug, clap::Args)]
 pub(super) struct RenderArgs {
-    /// The scene: a .toml file, or one that is shipped: studio-ball, sky-drape, lamps, window, metal-row
+    /// The scene: a .toml file, or one that is shipped: studio-ball, sky-drape, lamps, window, metal-row, gallery
     pub(super) scene: PathBuf,
     /// Where the picture goes: .exr is linear, .png is tone-mapped. May be given more than once. A name with # (frame-##.png)
     /// takes every frame of the scene's animation
     #[arg(short, long = "output", required = true)]
     pub(super) output: Vec<PathBuf>,
-    /// How to render.
+    /// How to render
     #[arg(long, value_enum, default_value_t = Method::Auto)]
     pub(super) method: Method,
-    /// Samples a pixel of the reference [default: 64, or as many as --seconds and --max-error need]
+    /// Samples a pixel: of the reference [default: 64, or as many as --seconds and --max-error need], of lights at edges [default: 4,
+    /// or the most below that the GPU can], of environment [default: 16]
     #[arg(long, value_parser = clap::value_parser!(u32).range(1..=1_048_576))]
     pub(super) samples: Option<u32>,
     /// Seconds that the reference may take at most
     #[arg(long)]
     pub(super) seconds: Option<f64>,
-    /// Relative RMSE, estimated from the pixels' variance, at which the reference stops: 0.01 is 1 %
+    /// Relative RMSE that the picture may have, 0.01 for 1 %: `auto` measures every method on a small view, takes the cheapest
+    /// that meets it and judges its picture by the reference; `reference` stops by its pixels' variance
     #[arg(long, value_name = "E")]
     pub(super) max_error: Option<f64>,
     /// Reflections a path of the reference at most; 1 leaves interreflection out
@@ -47,9 +54,53 @@ pub(super) struct RenderArgs {
     /// Rows, instead of the scene's; pixels a row follow when --width is not given
     #[arg(long)]
     pub(super) height: Option<u32>,
+    #[command(flatten)]
+    pub(super) lights: LightsArgs,
+    #[command(flatten)]
+    pub(super) environment: EnvironmentArgs,
+}
+
+/// What only `--method lights` takes.
+#[derive(Debug, Default, clap::Args)]
+#[command(next_help_heading = "Options of --method lights")]
+pub(super) struct LightsArgs {
+    /// What a pixel takes of a texture that is smaller than it should be [default: shaded]
+    #[arg(long, value_enum)]
+    filter: Option<Filtering>,
+    /// Samples of a texture along an axis of the pixel at most; along the longer one with MIP levels [default: 16]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=256))]
+    anisotropy: Option<u32>,
+    /// How coefficients are stored on the GPU [default: f32]
+    #[arg(long, value_enum)]
+    storage: Option<Storage>,
+    /// Leaves shadows out
+    #[arg(long)]
+    no_shadows: bool,
 }
 
 impl RenderArgs {
+    /// What `lights` is to do.
+    ///
+    /// # Errors
+    /// An input error for options of `lights` with another method.
+    fn lights(&self) -> Result<lights::Settings> {
+        let LightsArgs { filter, anisotropy, storage, no_shadows } = self.lights;
+        let given = filter.is_some() || anisotropy.is_some() || storage.is_some() || no_shadows;
+        if given && self.method != Method::Lights {
+            return Err(Error::input(
+                "--filter, --anisotropy, --storage and --no-shadows go with --method lights",
+            ));
+        }
+        let base = lights::Settings::default();
+        Ok(lights::Settings {
+            samples: self.samples.unwrap_or(base.samples),
+            filtering: filter.unwrap_or(base.filtering),
+            anisotropy: anisotropy.unwrap_or(base.anisotropy),
+            storage: storage.unwrap_or(base.storage),
+            shadows: !no_shadows,
+        })
+    }
+
     /// What the reference is to do.
     fn settings(&self, seed: u64) -> reference::Settings {
         let budget = self.seconds.is_some() || self.max_error.is_some();
@@ -72,6 +123,8 @@ pub(super) struct RenderOutcome {
     pub(super) method: Method,
     /// Why `auto` did not use the GPU.
     pub(super) note: Option<String>,
+    /// What `auto` tried for an error, by predicted time.
+    pub(super) tried: Vec<Tried>,
     /// The picture, the last of an animation, and the cost of all.
     pub(super) rendering: Rendering,
     /// How far it is from the picture given.
@@ -87,7 +140,8 @@ pub(super) fn run(args: &RenderArgs, context: &mut Context) -> Result<()> {
     }
     let outcome = render_scene(args, context.seed)?;
     if let Some(note) = &outcome.note {
-        context.note(format!("rendered on the CPU: {note}"));
+        let taken = if outcome.tried.is_empty() { "rendered on the CPU" } else { "a method was left out" };
+        context.note(format!("{taken}: {note}"));
     }
     let rendering = &outcome.rendering;
     let (picture, cost) = (&rendering.picture, &rendering.cost);
@@ -99,7 +153,7 @@ pub(super) fn run(args: &RenderArgs, context: &mut Context) -> Result<()> {
     context.report.figure("rays", cost.rays);
     context.report.figure("draws", cost.draws);
     context.report.figure("render_memory_bytes", cost.memory_bytes);
-    context.report.figure("method", format!("{:?}", outcome.method).to_lowercase());
+    context.report.figure("method", outcome.method.name());
     let estimated = rendering.estimated_error();
     if let Some(estimated) = estimated {
         let over = format!("{} pixels × 3 channels", picture.pixels.len());
@@ -108,6 +162,16 @@ pub(super) fn run(args: &RenderArgs, context: &mut Context) -> Result<()> {
     let errors = outcome.errors.map_or_else(Vec::new, |errors| errors.figures());
     context.report.errors.extend(errors.iter().cloned());
 
+    if !outcome.tried.is_empty() {
+        print!("{}", outcomes(&outcome.tried));
+    }
+    if let Some(Tried { predicted, actual: Some(actual), .. }) = chosen(&outcome.tried) {
+        for (name, [_, error]) in [("predicted_relative_rmse", predicted), ("verified_relative_rmse", actual)]
+        {
+            let over = format!("{} pixels × 3 channels", picture.pixels.len());
+            context.report.errors.push(ErrorFigure::new(name, *error, "1", over));
+        }
+    }
     let by = rendering.adapter.as_deref().unwrap_or("the CPU");
     let seconds: f64 = outcome.stages.iter().map(|(_, seconds)| seconds).sum();
     let noise = estimated.map_or_else(String::new, |error| format!(", noise {:.2} %", 100.0 * error));
@@ -131,6 +195,43 @@ pub(super) fn run(args: &RenderArgs, context: &mut Context) -> Result<()> {
     Ok(())
 }
 
+/// The setting that `auto` took.
+fn chosen(tried: &[Tried]) -> Option<&Tried> {
+    tried.iter().rfind(|tried| tried.actual.is_some())
+}
+
+/// What was predicted of every setting, and what came out of those that were tried.
+pub(super) fn outcomes(tried: &[Tried]) -> Table {
+    let mut table = Table::new([
+        "method",
+        "setting",
+        "predicted, s",
+        "actual, s",
+        "predicted relative RMSE",
+        "actual relative RMSE",
+        "",
+    ]);
+    let last = tried.iter().rposition(|one| one.actual.is_some());
+    for (index, one) in tried.iter().enumerate() {
+        let [seconds, error] = one.actual.unwrap_or([f64::NAN; 2]);
+        let verdict = match one.actual {
+            Some(_) if Some(index) == last => "chosen",
+            Some(_) => "missed",
+            None => "",
+        };
+        table.row([
+            one.method.name().into(),
+            one.name.as_str().into(),
+            one.predicted[0].into(),
+            seconds.into(),
+            one.predicted[1].into(),
+            error.into(),
+            verdict.into(),
+        ]);
+    }
+    table
+}
+
 /// Reads the scene, renders it, writes every picture.
 ///
 /// # Errors
@@ -146,6 +247,11 @@ fn render_scene(args: &RenderArgs, seed: u64) -> Result<RenderOutcome> {
     {
         return Err(Error::input(format!("{}: a variance image's name ends in .exr", path.display())));
     }
+    let settings = render::Settings {
+        reference: args.settings(seed),
+        lights: args.lights()?,
+        environment: args.environment.settings(args.method, args.samples, seed)?,
+    };
     let start = Instant::now();
     let mut scene = Scene::open(&args.scene)?;
     let keys = scene.animation.iter_mut().flat_map(|animation| &mut animation.keys);
@@ -162,11 +268,28 @@ fn render_scene(args: &RenderArgs, seed: u64) -> Result<RenderOutcome> {
     let against = args.against.as_deref().map(Picture::read_exr).transpose()?;
     let loaded = start.elapsed().as_secs_f64();
 
-    let chosen = render::prepare(&scene, args.method, &args.settings(seed))?;
+    let mut tried = Vec::new();
+    let mut first = None;
+    let choosing = Instant::now();
+    let chosen = match (args.method, args.max_error, views.first()) {
+        (Method::Auto, Some(max_error), Some((view, _))) => {
+            let outcome = Model::measure(&scene, &settings)?.meet(view, max_error)?;
+            tried = outcome.tried;
+            first = Some(outcome.rendering);
+            outcome.chosen
+        }
+        _ => render::prepare(&scene, args.method, &settings)?,
+    };
+    // What it took beside the picture that was chosen.
+    let own = first.as_ref().map(|picture| picture.cost.prepare_seconds + picture.cost.render_seconds);
+    let choose_seconds = own.map(|own| choosing.elapsed().as_secs_f64() - own);
     let mut outcome = None;
     let (mut cost, mut write_seconds) = (Cost::default(), 0.0);
     for (camera, paths) in &views {
-        let rendering = chosen.prepared.view(camera)?;
+        let rendering = match first.take() {
+            Some(rendering) => rendering,
+            None => chosen.prepared.view(camera)?,
+        };
         cost = cost.and(&rendering.cost);
         let writing = Instant::now();
         for path in paths {
@@ -180,14 +303,15 @@ fn render_scene(args: &RenderArgs, seed: u64) -> Result<RenderOutcome> {
     }
     let rendering = Rendering { cost, ..outcome.ok_or_else(|| Error::input("the animation has no frames"))? };
     let errors = against.map(|truth| compare(&rendering.picture, &truth)).transpose()?;
-    let stages = vec![
-        ("load", loaded),
+    let mut stages = vec![("load", loaded)];
+    stages.extend(choose_seconds.map(|seconds| ("choose", seconds)));
+    stages.extend([
         ("prepare", cost.prepare_seconds),
         ("render", cost.render_seconds),
         ("write", write_seconds),
-    ];
+    ]);
     let written = views.into_iter().flat_map(|(_, paths)| paths).collect();
-    Ok(RenderOutcome { stages, method: chosen.method, note: chosen.note, rendering, errors, written })
+    Ok(RenderOutcome { stages, method: chosen.method, note: chosen.note, tried, rendering, errors, written })
 }
 
 /// The views to render, each with its pictures: the camera's, or those of the animation when names have a `#`.
@@ -253,6 +377,8 @@ mod tests {
             bounces: 4,
             variance: None,
             against: None,
+            lights: LightsArgs::default(),
+            environment: EnvironmentArgs::default(),
             width: Some(32),
             height: None,
         }
@@ -276,6 +402,19 @@ mod tests {
         let outcome = render_scene(&args(folder.path(), Method::Auto, &["a.png"]), 1).unwrap();
         assert_eq!(outcome.rendering.adapter.is_some(), outcome.method == Method::Lights);
         assert_eq!(outcome.note.is_some(), outcome.method == Method::Reference);
+    }
+
+    #[test]
+    fn auto_with_an_error_tells_what_it_predicted_and_what_came_out() {
+        let folder = tempfile::tempdir().unwrap();
+        let mut args = args(folder.path(), Method::Auto, &["a.png"]);
+        (args.samples, args.max_error) = (None, Some(0.1));
+        let outcome = render_scene(&args, 1).unwrap();
+        let taken = chosen(&outcome.tried).unwrap();
+        assert!(taken.method == outcome.method && taken.actual.unwrap()[1] <= 0.1, "{:?}", outcome.tried);
+        let table = outcomes(&outcome.tried).to_string();
+        assert!(table.contains("predicted relative RMSE") && table.matches("chosen").count() == 1, "{table}");
+        assert!(outcome.stages.iter().any(|stage| stage.0 == "choose"));
     }
 
     #[test]
@@ -304,6 +443,20 @@ mod tests {
         let outcome = render_scene(&args, 1).unwrap();
         assert_eq!((outcome.written.len(), outcome.rendering.picture.height), (24, 6));
         assert!(folder.path().join("f-00.png").exists() && folder.path().join("f-23.png").exists());
+    }
+
+    #[test]
+    fn options_of_lights_go_with_no_other_method() {
+        let folder = tempfile::tempdir().unwrap();
+        let mut args = args(folder.path(), Method::Auto, &["a.png"]);
+        args.lights.storage = Some(Storage::Bits8);
+        assert_eq!(render_scene(&args, 1).unwrap_err().exit_code(), 2);
+        args.method = Method::Lights;
+        let lights = args.lights().unwrap();
+        assert_eq!(
+            (lights.storage, lights.filtering, lights.shadows),
+            (Storage::Bits8, Filtering::Shaded, true)
+        );
     }
 
     #[test]

@@ -1,7 +1,6 @@
 //! Reads camera frames: 16-bit TIFF mosaics with EXIF exposure. JPEG is refused: it is not linear.
 
-use std::fs::File;
-use std::io::{BufReader, Read, Seek};
+use std::io::Cursor;
 use std::path::Path;
 
 use tiff::decoder::{Decoder, DecodingResult};
@@ -29,15 +28,22 @@ pub struct RawFrame {
 /// # Errors
 /// Input errors for a missing, truncated or non-linear file, or one without an exposure time.
 pub fn read(path: &Path) -> Result<RawFrame> {
-    let mut file = File::open(path).map_err(|error| Error::reading(path, error))?;
-    if is_jpeg(&mut file).map_err(|error| Error::reading(path, error))? {
+    decode(&std::fs::read(path).map_err(|error| Error::reading(path, error))?, path)
+}
+
+/// The frame that the bytes of a file are; `path` is for errors.
+///
+/// # Errors
+/// As [`read`].
+pub fn decode(bytes: &[u8], path: &Path) -> Result<RawFrame> {
+    if bytes.starts_with(&JPEG_START) {
         let message = "a JPEG, which is not linear; give the camera's 16-bit TIFF";
         return Err(Error::input(format!("{}: {message}", path.display())));
     }
     let damaged = |error: tiff::TiffError| {
         Error::input(format!("{}: the frame is truncated or not a TIFF: {error}", path.display()))
     };
-    let mut decoder = Decoder::new(BufReader::new(file)).map_err(damaged)?;
+    let mut decoder = Decoder::new(Cursor::new(bytes)).map_err(damaged)?;
     let (width, height) = decoder.dimensions().map_err(damaged)?;
     let DecodingResult::U16(values) = decoder.read_image().map_err(damaged)? else {
         return Err(Error::input(format!("{}: not a 16-bit frame", path.display())));
@@ -47,22 +53,13 @@ pub fn read(path: &Path) -> Result<RawFrame> {
         let message = format!("{} values for {width} × {height} pixels: not a mosaic", values.len());
         return Err(Error::input(format!("{}: {message}", path.display())));
     }
-    Ok(RawFrame { width, height, values, exposure_s: exposure(path)? })
-}
-
-/// Whether a file is a JPEG by its first bytes, whatever its name; leaves the file at its start.
-fn is_jpeg(file: &mut File) -> std::io::Result<bool> {
-    let mut start = Vec::with_capacity(3);
-    file.take(3).read_to_end(&mut start)?;
-    file.rewind()?;
-    Ok(start == JPEG_START)
+    Ok(RawFrame { width, height, values, exposure_s: exposure(bytes, path)? })
 }
 
 /// The EXIF exposure time of a file, s.
-fn exposure(path: &Path) -> Result<f64> {
-    let file = File::open(path).map_err(|error| Error::reading(path, error))?;
+fn exposure(bytes: &[u8], path: &Path) -> Result<f64> {
     let metadata = exif::Reader::new()
-        .read_from_container(&mut BufReader::new(file))
+        .read_from_container(&mut Cursor::new(bytes))
         .map_err(|error| Error::input(format!("{}: no readable EXIF block: {error}", path.display())))?;
     let field = metadata.get_field(exif::Tag::ExposureTime, exif::In::PRIMARY);
     match field.map(|field| &field.value) {
@@ -76,6 +73,8 @@ fn exposure(path: &Path) -> Result<f64> {
 #[cfg(all(test, feature = "sim"))]
 #[allow(clippy::unwrap_used, reason = "clippy does not see that this is a test module")]
 mod tests {
+    use std::fs::File;
+
     use super::*;
     use lobelia_hil_sim::optics::frame::{FrameNotes, write_tiff};
 

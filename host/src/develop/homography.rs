@@ -56,6 +56,11 @@ impl Homography {
         project(self.matrix, plane_mm)
     }
 
+    /// The homography of a plane whose points are counted from `origin_mm`.
+    pub fn from_origin(&self, origin_mm: DVec2) -> Self {
+        Self { matrix: self.matrix * DMat3::from_translation(origin_mm) }
+    }
+
     /// The point of the plane (mm) seen at normalised image coordinates.
     pub fn invert(&self, image: DVec2) -> DVec2 {
         project(self.matrix.inverse(), image)

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use glam::{DVec3, Vec3Swizzles};
+use glam::{DVec2, DVec3, Vec3Swizzles};
 use rayon::prelude::*;
 
 use crate::acquire::RunFolder;
@@ -36,7 +36,7 @@ pub struct Developed {
 }
 
 /// One developed pose: its geometry, its registration and its reflectance [y, x, rgb].
-type DevelopedPose = (PoseGeometry, std::result::Result<Registration, String>, Vec<f32>);
+pub(crate) type DevelopedPose = (PoseGeometry, std::result::Result<Registration, String>, Vec<f32>);
 
 /// Develops a complete run. Poses whose photographs cannot be registered get weight 0 and no samples.
 ///
@@ -46,33 +46,44 @@ type DevelopedPose = (PoseGeometry, std::result::Result<Registration, String>, V
 pub fn run(folder: &Path) -> Result<Developed> {
     let photographs = Photographs::open(folder)?;
     let config = &photographs.run.rig;
+    if config.carrier.cylinder_radius_mm.is_some() {
+        let message = "the sample is bent over a cylinder (rig.toml: carrier.cylinder_radius_mm), only a flat one can be developed";
+        return Err(Error::input(format!("{}: {message}", folder.display())));
+    }
 
     let bar = progress::bar("developing", photographs.poses() as u64, "poses");
     let developed = (0..photographs.poses())
         .into_par_iter()
         .map(|index| {
-            let pose = develop_pose(&photographs, index);
+            let photographed = photographs.pose(index)?;
+            let pose = photographs.developed(index, &photographed, DVec2::ZERO);
             bar.advance(1);
-            pose
+            Ok(pose)
         })
         .collect::<Result<Vec<DevelopedPose>>>()?;
     drop(bar);
 
-    let (width, height) = (config.carrier.texels_across, config.carrier.texels_down());
-    let geometries = developed.iter().map(|(geometry, _, _)| *geometry).collect();
-    let mut sampled = SampledSbrdf::empty(width, height, config.carrier.texel_mm(), geometries);
-    let span = developed.len() * 3;
-    sampled.reflectance.par_chunks_mut(span).enumerate().for_each(|(texel, samples)| {
-        for (sample, (_, _, reflectance)) in samples.chunks_exact_mut(3).zip(&developed) {
-            sample.copy_from_slice(&reflectance[3 * texel..3 * texel + 3]);
-        }
-    });
+    let sampled = assembled(config, &developed);
     let registrations: Vec<_> = developed.into_iter().map(|(_, registration, _)| registration).collect();
     if let Some(why) = registrations.iter().all(|r| r.is_err()).then(|| registrations.first()).flatten() {
         let reason = why.as_ref().err().map_or("", String::as_str);
         return Err(Error::input(format!("no pose could be registered; pose 0: {reason}")));
     }
     Ok(Developed { sampled, registrations })
+}
+
+/// The poses as a sampled SBRDF.
+pub(crate) fn assembled(config: &RigConfig, poses: &[DevelopedPose]) -> SampledSbrdf {
+    let (width, height) = (config.carrier.texels_across, config.carrier.texels_down());
+    let geometries = poses.iter().map(|(geometry, _, _)| *geometry).collect();
+    let mut sampled = SampledSbrdf::empty(width, height, config.carrier.texel_mm(), geometries);
+    let span = poses.len() * 3;
+    sampled.reflectance.par_chunks_mut(span).enumerate().for_each(|(texel, samples)| {
+        for (sample, (_, _, reflectance)) in samples.chunks_exact_mut(3).zip(poses) {
+            sample.copy_from_slice(&reflectance[3 * texel..3 * texel + 3]);
+        }
+    });
+    sampled
 }
 
 /// The photographs of a complete run.
@@ -113,6 +124,31 @@ impl Photographs {
             .map_err(|error| error.at(format!("pose {index}")))?;
         let registration = registration::register(&self.run.rig, &mosaic, &self.run.plan.angles(index));
         Ok((mosaic, registration))
+    }
+
+    /// The reflectance that a pose's photographs show, resampled `off_mm` beside where they were registered.
+    pub(crate) fn developed(
+        &self,
+        index: usize,
+        (mosaic, registration): &Photographed,
+        off_mm: DVec2,
+    ) -> DevelopedPose {
+        let config = &self.run.rig;
+        let angles = self.run.plan.angles(index);
+        match registration.clone() {
+            Ok(mut registration) => {
+                registration.homography = registration.homography.from_origin(off_mm);
+                let geometry = pose_geometry(config, &registration.pose, angles.light);
+                let reflectance = texel_reflectance(config, mosaic, &registration, &geometry);
+                (geometry, Ok(registration), reflectance)
+            }
+            Err(why) => {
+                let geometry =
+                    pose_geometry(config, &registration::from_motors(config, &angles), angles.light);
+                let texels = config.carrier.texels_across * config.carrier.texels_down();
+                (PoseGeometry { weight: 0.0, ..geometry }, Err(why), vec![f32::NAN; 3 * texels])
+            }
+        }
     }
 }
 
@@ -178,24 +214,6 @@ fn pose_radiance(run: &RunFolder, exposures: &[ExposureRecord], dark: &DarkSigna
         })
         .collect::<Result<Vec<_>>>()?;
     radiance::merge(&run.rig.camera, dark, &bracket)
-}
-
-fn develop_pose(photographs: &Photographs, index: usize) -> Result<DevelopedPose> {
-    let config = &photographs.run.rig;
-    let angles = photographs.run.plan.angles(index);
-    let (mosaic, registration) = photographs.pose(index)?;
-    Ok(match registration {
-        Ok(registration) => {
-            let geometry = pose_geometry(config, &registration.pose, angles.light);
-            let reflectance = texel_reflectance(config, &mosaic, &registration, &geometry);
-            (geometry, Ok(registration), reflectance)
-        }
-        Err(why) => {
-            let geometry = pose_geometry(config, &registration::from_motors(config, &angles), angles.light);
-            let texels = config.carrier.texels_across * config.carrier.texels_down();
-            (PoseGeometry { weight: 0.0, ..geometry }, Err(why), vec![f32::NAN; 3 * texels])
-        }
-    })
 }
 
 /// The reflectance of every texel under one pose, [y, x, rgb].

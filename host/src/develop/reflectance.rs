@@ -8,9 +8,15 @@ use crate::sampled::PoseGeometry;
 /// Irradiance divided by the lamp's radiance at a point of the sample's plane, sr: cosθ_i dω_i with dω_i = A_s / r²
 /// (3.10). Zero when the light is below the plane.
 pub fn irradiance_factor(config: &RigConfig, geometry: &PoseGeometry, position_mm: DVec3) -> f64 {
+    let (toward, solid_angle) = light_from(config, geometry, position_mm);
+    toward.z.max(0.0) * solid_angle
+}
+
+/// Unit direction from a point of the sample toward the light, and the light's solid angle dω_i there, sr.
+pub fn light_from(config: &RigConfig, geometry: &PoseGeometry, position_mm: DVec3) -> (DVec3, f64) {
     let to_light = geometry.light_mm - position_mm;
     let r2 = to_light.length_squared();
-    (to_light.z / r2.sqrt()).max(0.0) * config.lamp.aperture_mm2() / r2
+    (to_light / r2.sqrt(), config.lamp.aperture_mm2() / r2)
 }
 
 /// f_r = L_r / (L_s cosθ_i dω_i) a channel, sr⁻¹ (3.9); NaN where the radiance is or where no light falls.

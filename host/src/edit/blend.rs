@@ -87,7 +87,12 @@ fn joined(parts: &[Part<'_>], most: usize) -> Option<LobeBrdf> {
         }
     }
     let lobes = lobes.into_iter().map(|(lobe, rho_s)| Lobe { rho_s: rho_s.as_vec3(), ..lobe });
-    Some(LobeBrdf { rho_d: rho_d.as_vec3(), beta: beta.unwrap_or_default(), lobes: lobes.collect() })
+    Some(LobeBrdf {
+        rho_d: rho_d.as_vec3(),
+        beta: beta.unwrap_or_default(),
+        lobes: lobes.collect(),
+        ..LobeBrdf::default()
+    })
 }
 
 #[cfg(test)]
@@ -97,7 +102,7 @@ mod tests {
 
     fn shiny(rho_d: f32, cz: f32, n: f32) -> LobeBrdf {
         let lobe = Lobe { rho_s: Rgb::new(0.9, 0.6, 0.2), c: Vec3::new(-1.0, -1.0, cz), n };
-        LobeBrdf { rho_d: Rgb::splat(rho_d), beta: 0.0, lobes: vec![lobe] }
+        LobeBrdf { rho_d: Rgb::splat(rho_d), beta: 0.0, lobes: vec![lobe], ..LobeBrdf::default() }
     }
 
     #[test]
@@ -136,7 +141,7 @@ mod tests {
     fn brushed_parts_of_different_directions_are_fitted_not_joined() {
         let brushed = |beta| {
             let lobe = Lobe { rho_s: Rgb::ONE, c: Vec3::new(-1.0, -0.7, 0.95), n: 20.0 };
-            LobeBrdf { rho_d: Rgb::splat(0.1), beta, lobes: vec![lobe] }
+            LobeBrdf { rho_d: Rgb::splat(0.1), beta, lobes: vec![lobe], ..LobeBrdf::default() }
         };
         let (a, b) = (brushed(0.2), brushed(0.21));
         assert!(joined(&[(0.5, &a), (0.5, &b)], 4).is_none());

@@ -157,7 +157,7 @@ mod tests {
 
     fn material(rho_d: Rgb, n: f32) -> LobeBrdf {
         let lobe = Lobe { rho_s: Rgb::splat(0.4), c: Vec3::new(-1.0, -1.0, 1.0), n };
-        LobeBrdf { rho_d, beta: 0.0, lobes: vec![lobe] }
+        LobeBrdf { rho_d, beta: 0.0, lobes: vec![lobe], ..LobeBrdf::default() }
     }
 
     /// Three materials in stripes, every texel's coefficients a little off.

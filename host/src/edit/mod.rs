@@ -7,6 +7,7 @@ pub mod blend;
 pub mod cluster;
 pub mod composite;
 pub mod diffuse;
+pub mod levels;
 pub mod pairs;
 pub mod palette;
 pub mod photo;
@@ -14,7 +15,7 @@ pub mod picture;
 pub mod tile;
 
 use crate::error::{Error, Result};
-use crate::reflectance::{LobePlane, SbrdfMap};
+use crate::reflectance::{LobePlane, MicrofacetPlane, SbrdfMap};
 
 /// A map whose texels are those of `map` with the given indices, further planes and attributes included.
 ///
@@ -30,12 +31,18 @@ pub fn gather(map: &SbrdfMap, width: usize, height: usize, indices: &[usize]) ->
         c: pick(&plane.c, indices),
         n: pick(&plane.n, indices),
     };
+    let coat = |plane: &MicrofacetPlane| MicrofacetPlane {
+        f0: pick(&plane.f0, indices),
+        f90: pick(&plane.f90, indices),
+        alpha: pick(&plane.alpha, indices),
+    };
     SbrdfMap {
         width,
         height,
         rho_d: pick(&map.rho_d, indices),
         beta: pick(&map.beta, indices),
         lobes: map.lobes.iter().map(lobe).collect(),
+        microfacets: map.microfacets.iter().map(coat).collect(),
         extra: map.extra.iter().map(|(name, plane)| (name.clone(), pick(plane, indices))).collect(),
         attributes: map.attributes.clone(),
     }

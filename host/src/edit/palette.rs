@@ -119,7 +119,12 @@ pub fn read(path: &Path) -> Result<Vec<Entry>> {
         if !(finite(brdf.rho_d) && brdf.beta_deg.is_finite() && lobes) {
             return Err(wrong("a coefficient is not finite"));
         }
-        let brdf = LobeBrdf { rho_d: brdf.rho_d, beta: brdf.beta_deg.to_radians(), lobes: brdf.lobes };
+        let brdf = LobeBrdf {
+            rho_d: brdf.rho_d,
+            beta: brdf.beta_deg.to_radians(),
+            lobes: brdf.lobes,
+            ..LobeBrdf::default()
+        };
         entries.push(Entry { swatch, brdf });
     }
     Ok(entries)

@@ -128,7 +128,7 @@ mod tests {
             lobe(DVec3::new(1.0, 1.0, 0.8), 5.0),
             lobe(DVec3::new(-1.0, -1.0, 1.0), 90.0),
         ];
-        let model = Model { diffuse: 0.0, beta: 0.0, lobes };
+        let model = Model { diffuse: 0.0, beta: 0.0, lobes, ..Model::default() };
         let mut truth = model.clone();
         truth.diffuse = 0.07;
         for (lobe, amplitude) in truth.lobes.iter_mut().zip([0.5, 0.0, 2.0]) {

@@ -258,7 +258,7 @@ fn fit_blocks(
         let fits: Vec<Result<(SbrdfMap, String)>> = (group.par_iter())
             .map(|window| {
                 let sampled = read(window)?;
-                Ok((fit_window(&sampled, options, || bar.advance(1)), hash(&sampled.reflectance)))
+                Ok((fit_window(&sampled, options, || bar.advance(1))?, hash(&sampled.reflectance)))
             })
             .collect();
         for fit in fits {
@@ -356,6 +356,8 @@ mod tests {
         diffuse: crate::fit::Diffuse::Joint,
         residual: crate::fit::Residual::Proportional,
         robust: false,
+        device: crate::fit::Device::Cpu,
+        conserve_energy: false,
     };
 
     /// A store of six blocks and the shards of its fit in `count` parts.

@@ -1,13 +1,14 @@
 //! Levenberg–Marquardt over the diffuse term and any number of lobes, with an analytic Jacobian.
 //!
 //! Unknowns: ρ_d, and for every lobe its amplitude A, ln n and the direction of C (one angle when isotropic, two tangent
-//! coordinates else, updated on the unit sphere); β last when anisotropic. Amplitudes and ρ_d stay ≥ 0, amplitudes
+//! coordinates else, updated on the unit sphere); β when anisotropic; f0, f90 and ln α of a microfacet term last. Amplitudes and ρ_d stay ≥ 0, amplitudes
 //! below [`MOST_OVER_SEEN`](super::samples::MOST_OVER_SEEN) times the largest value: an unknown at its
 //! bound with the gradient pushing outward is frozen for that step. Damping is Marquardt's (the diagonal scaled by 1 + λ),
 //! λ by Nielsen's rule (1999).
 
 use glam::DVec3;
 
+use super::coat::WIDTHS;
 use super::linear::solve_spd;
 use super::model::{EXPONENTS, Model, ModelLobe, Turned};
 use super::samples::{Samples, Target};
@@ -67,16 +68,20 @@ struct Layout {
     first_lobe: usize,
     per_lobe: usize,
     beta: Option<usize>,
+    coat: Option<usize>,
     size: usize,
 }
 
 impl Layout {
-    fn new(freedom: Freedom, lobes: usize) -> Self {
+    fn new(freedom: Freedom, model: &Model) -> Self {
+        let lobes = model.lobes.len();
         let first_lobe = usize::from(freedom.diffuse);
         let per_lobe = if freedom.isotropic { 3 } else { 4 };
         let end = first_lobe + per_lobe * lobes;
         let beta = (!freedom.isotropic && lobes > 0).then_some(end);
-        Self { first_lobe, per_lobe, beta, size: end + usize::from(beta.is_some()) }
+        let end = end + usize::from(beta.is_some());
+        let coat = model.coat.map(|_| end);
+        Self { first_lobe, per_lobe, beta, coat, size: end + if coat.is_some() { 3 } else { 0 } }
     }
 }
 
@@ -98,6 +103,11 @@ impl Optimiser {
         self.values.resize(count, model.diffuse);
         self.shapes.resize(count * model.lobes.len(), 0.0);
         self.logs.resize(count * model.lobes.len(), 0.0);
+        if let Some(coat) = model.coat {
+            for (k, value) in self.values.iter_mut().enumerate() {
+                *value += coat.value(samples, k);
+            }
+        }
         let turned = Turned::new(model.beta);
         for (j, lobe) in model.lobes.iter().enumerate() {
             let inverse = lobe.c / lobe.reference;
@@ -126,7 +136,7 @@ impl Optimiser {
 
     /// JᵀJ and Jᵀr at the model that was evaluated last.
     fn normal_equations(&mut self, samples: &Samples, target: &Target, model: &Model, freedom: Freedom) {
-        let layout = Layout::new(freedom, model.lobes.len());
+        let layout = Layout::new(freedom, model);
         let (size, count) = (layout.size, samples.len());
         self.normal.clear();
         self.normal.resize(size * size, 0.0);
@@ -162,6 +172,9 @@ impl Optimiser {
         if freedom.diffuse {
             self.row[0] = 1.0;
         }
+        if let (Some(coat), Some(at)) = (model.coat, layout.coat) {
+            self.row[at..at + 3].copy_from_slice(&coat.derivatives(samples, k));
+        }
         let turned = Turned::new(model.beta);
         for (j, lobe) in model.lobes.iter().enumerate() {
             let (shape, log) = (self.shapes[j * samples.len() + k], self.logs[j * samples.len() + k]);
@@ -184,13 +197,19 @@ impl Optimiser {
 
     /// The model after the step in the buffer.
     fn stepped(&mut self, model: &Model, freedom: Freedom, most: f64) {
-        let layout = Layout::new(freedom, model.lobes.len());
+        let layout = Layout::new(freedom, model);
         self.trial.clone_from(model);
         if freedom.diffuse {
             self.trial.diffuse = (model.diffuse + self.step[0]).max(0.0);
         }
         if let Some(beta) = layout.beta {
             self.trial.beta += self.step[beta].clamp(-0.3, 0.3);
+        }
+        if let (Some(coat), Some(at)) = (&mut self.trial.coat, layout.coat) {
+            coat.f0 = (coat.f0 + self.step[at]).clamp(0.0, 1.0);
+            coat.f90 = (coat.f90 + self.step[at + 1]).clamp(0.0, 1.0);
+            let factor = self.step[at + 2].clamp(-1.0, 1.0).exp();
+            coat.alpha = (coat.alpha * factor).clamp(WIDTHS[0], WIDTHS[1]);
         }
         for (j, lobe) in self.trial.lobes.iter_mut().enumerate() {
             let at = layout.first_lobe + j * layout.per_lobe;
@@ -211,11 +230,18 @@ impl Optimiser {
 
     /// Marks unknowns at a bound that the gradient pushes outward.
     fn freeze(&mut self, model: &Model, freedom: Freedom, most: f64) {
-        let layout = Layout::new(freedom, model.lobes.len());
+        let layout = Layout::new(freedom, model);
         self.fixed.clear();
         self.fixed.resize(layout.size, false);
         if freedom.diffuse {
             self.fixed[0] = model.diffuse <= 0.0 && self.gradient[0] > 0.0;
+        }
+        if let (Some(coat), Some(at)) = (model.coat, layout.coat) {
+            let bounds = [(coat.f0, [0.0, 1.0]), (coat.f90, [0.0, 1.0]), (coat.alpha, WIDTHS)];
+            for (k, (value, [low, high])) in bounds.into_iter().enumerate() {
+                let downhill = -self.gradient[at + k];
+                self.fixed[at + k] = (value <= low && downhill < 0.0) || (value >= high && downhill > 0.0);
+            }
         }
         for (j, lobe) in model.lobes.iter().enumerate() {
             let at = layout.first_lobe + j * layout.per_lobe;
@@ -334,12 +360,12 @@ mod tests {
             |c: DVec3, n, amplitude| ModelLobe { amplitude, ..ModelLobe::over(samples, c, n).unwrap() };
         let lobes =
             vec![lobe(DVec3::new(-1.0, -0.7, 0.8), 30.0, 1.3), lobe(DVec3::new(0.8, 0.9, 0.6), 4.0, 0.4)];
-        Model { diffuse: 0.2, beta: 0.3, lobes }
+        Model { diffuse: 0.2, beta: 0.3, lobes, ..Model::default() }
     }
 
     /// The step of one unknown by `size`, through the optimiser's own update.
     fn moved(optimiser: &mut Optimiser, model: &Model, freedom: Freedom, unknown: usize, size: f64) -> Model {
-        let count = Layout::new(freedom, model.lobes.len()).size;
+        let count = Layout::new(freedom, model).size;
         optimiser.step = vec![0.0; count];
         optimiser.step[unknown] = size;
         optimiser.stepped(model, freedom, 1e9);
@@ -386,7 +412,7 @@ mod tests {
     #[test]
     fn an_anisotropic_lobe_without_noise_is_recovered_with_its_direction() {
         let lobe = Lobe { rho_s: Rgb::splat(0.7), c: Vec3::new(-0.95, -0.6, 0.9), n: 20.0 };
-        let truth = LobeBrdf { rho_d: Rgb::splat(0.05), beta: 0.4, lobes: vec![lobe] };
+        let truth = LobeBrdf { rho_d: Rgb::splat(0.05), beta: 0.4, lobes: vec![lobe], ..LobeBrdf::default() };
         let samples = testing::samples(&testing::directions(200, 8), |wi, wo| truth.eval(wi, wo));
         let mut target = Target::default();
         target.set(&samples, samples.value.iter().copied(), Residual::Linear);
@@ -394,6 +420,7 @@ mod tests {
             diffuse: 0.1,
             beta: 0.0,
             lobes: vec![start_lobe(&samples, DVec3::new(-1.0, -0.8, 1.0), 8.0)],
+            ..Model::default()
         };
         let freedom = Freedom { isotropic: false, diffuse: true };
         let outcome = Optimiser::default().minimise(&samples, &target, freedom, EXACT, &mut model);
@@ -411,7 +438,7 @@ mod tests {
         target.set(&samples, samples.value.iter().copied(), Residual::Linear);
         for n in EXPONENTS {
             let lobe = start_lobe(&samples, DVec3::new(-1.0, -1.0, 1.0), n);
-            let mut model = Model { diffuse: 0.0, beta: 0.0, lobes: vec![lobe] };
+            let mut model = Model { diffuse: 0.0, beta: 0.0, lobes: vec![lobe], ..Model::default() };
             let freedom = Freedom { isotropic: true, diffuse: true };
             let outcome = Optimiser::default().minimise(&samples, &target, freedom, EXACT, &mut model);
             assert!(outcome.cost < 1e-6, "{outcome:?} {model:?}");

@@ -4,6 +4,8 @@
 //! Texel (x, y) of level l stands for the texels 2ˡx … 2ˡ(x+1) − 1 of its row, and so for rows; at the right and lower edge for those of them
 //! that the sample has. Levels are ⌈size / 2ˡ⌉ large, down to one texel.
 
+use std::path::{Path, PathBuf};
+
 use crate::error::Result;
 use crate::sampled::{SampledSbrdf, SampledStore, Window};
 
@@ -15,6 +17,11 @@ pub fn size([width, height]: [usize; 2], level: u32) -> [usize; 2] {
 /// The coarsest level, of one texel.
 pub fn last(size: [usize; 2]) -> u32 {
     size[0].max(size[1]).max(1).next_power_of_two().trailing_zeros()
+}
+
+/// The file of a level beside that of the finest: `material.exr`, `material.mip1.exr`, …
+pub fn path(finest: &Path, level: u32) -> PathBuf {
+    finest.with_extension(format!("mip{level}.exr"))
 }
 
 /// The samples of a window of a level, averaged over the valid ones of its texels; read chunk by chunk.

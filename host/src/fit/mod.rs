@@ -7,9 +7,12 @@
 
 pub mod albedo;
 pub mod chunks;
+pub mod coat;
+pub mod conserve;
 pub mod diffuse;
 pub mod evaluate;
 pub mod figures;
+pub mod gpu;
 pub mod line_search;
 pub mod linear;
 pub mod lm;
@@ -71,6 +74,16 @@ impl Method {
             Self::LineSearch => "line search",
         }
     }
+}
+
+/// What fits.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Device {
+    /// The CPU, in f64.
+    #[default]
+    Cpu,
+    /// The GPU, in f32, finished in f64 ([`gpu`]); the separable method alone.
+    Gpu,
 }
 
 /// Where ρ_d comes from.
@@ -190,6 +203,10 @@ pub struct FitOptions {
     pub residual: Residual,
     /// Whether samples that lie far off weigh less, see [`separable::robust`]; the separable method alone.
     pub robust: bool,
+    /// What fits.
+    pub device: Device,
+    /// Whether texels with a directional albedo above 1 are fitted again so that they have none ([`conserve`]).
+    pub conserve_energy: bool,
 }
 
 impl Default for FitOptions {
@@ -203,6 +220,8 @@ impl Default for FitOptions {
             diffuse: Diffuse::Joint,
             residual: Residual::Proportional,
             robust: false,
+            device: Device::Cpu,
+            conserve_energy: false,
         }
     }
 }
@@ -232,6 +251,15 @@ impl FitOptions {
                 self.residual.name()
             )));
         }
+        if self.device == Device::Gpu && self.robust {
+            return Err(Error::input("a robust fit is made on the CPU alone; use --device cpu"));
+        }
+        if self.device == Device::Gpu && self.method != Method::Separable {
+            return Err(Error::input(format!(
+                "the GPU does the separable fit alone, not {}; use --device cpu",
+                self.method.name()
+            )));
+        }
         if self.choose && self.method != Method::Separable {
             return Err(Error::input(format!(
                 "only the separable fit chooses the number of lobes; name one for {}",
@@ -259,14 +287,15 @@ impl FitOptions {
 }
 
 /// Fits every texel in parallel. Beside the coefficients the map has the planes `error.rms` (sr⁻¹), `error.relative` and
-/// `samples` (valid ones a texel), and after the separable fit a standard deviation a coefficient, `sigma.rho_d.R` and so on. The result is the same byte for byte whatever the number of threads.
+/// `samples` (valid ones a texel), and after the separable fit a standard deviation a coefficient, `sigma.rho_d.R` and so on. Where energy is to be conserved, `energy_held` marks the texels
+/// that were changed for it (their standard deviations are 0: unknown) and `error.energy_price` says by how much `error.relative` rose. The result is the same byte for byte whatever the number of threads.
 ///
 /// # Errors
 /// Input errors: options that no method can do, or not one valid sample in any texel.
 pub fn fit_sbrdf(sampled: &SampledSbrdf, options: &FitOptions) -> Result<SbrdfMap> {
     options.check()?;
     let bar = progress::bar("fitting", sampled.texels() as u64, "texels");
-    let map = fit_window(sampled, options, || bar.advance(1));
+    let map = fit_window(sampled, options, || bar.advance(1))?;
     has_samples(&map)?;
     Ok(map)
 }
@@ -280,12 +309,27 @@ fn has_samples(map: &SbrdfMap) -> Result<()> {
 }
 
 /// As [`fit_sbrdf`] with options that are checked, for a window that may be without any sample; `done` is called a texel.
-fn fit_window(sampled: &SampledSbrdf, options: &FitOptions, done: impl Fn() + Sync) -> SbrdfMap {
-    let fits = match options.method {
+fn fit_window(sampled: &SampledSbrdf, options: &FitOptions, done: impl Fn() + Sync) -> Result<SbrdfMap> {
+    let mut fits = match options.method {
+        Method::Separable if options.device == Device::Gpu => gpu::fit(sampled, options, &done)?,
         Method::Separable => fit_blocks(sampled, options, &done),
         Method::Lm | Method::LineSearch => fit_texels(sampled, options, &done),
     };
-    map_of(sampled, options, &fits)
+    let free: Vec<f64> = fits.iter().map(|fit| fit.relative).collect();
+    if options.conserve_energy {
+        fits.par_iter_mut().enumerate().for_each_init(samples::Samples::default, |samples, (index, fit)| {
+            load(samples, sampled, index);
+            texel::hold(fit, samples, options);
+        });
+    }
+    let mut map = map_of(sampled, options, &fits);
+    if options.conserve_energy {
+        let price = |(fit, free): (&TexelFit, &f64)| (fit.relative - free) as f32;
+        map.extra.insert("error.energy_price".into(), fits.iter().zip(&free).map(price).collect());
+        let held = |fit: &TexelFit| f32::from(u8::from(fit.held));
+        map.extra.insert("energy_held".into(), fits.iter().map(held).collect());
+    }
+    Ok(map)
 }
 
 /// Texel by texel.
@@ -420,9 +464,13 @@ fn map_of(sampled: &SampledSbrdf, options: &FitOptions, fits: &[TexelFit]) -> Sb
         ("fit.diffuse", diffuse),
         ("fit.isotropic", options.isotropic.to_string()),
         ("fit.robust", options.robust.to_string()),
+        ("fit.conserve_energy", options.conserve_energy.to_string()),
         ("texel_mm", sampled.texel_mm.to_string()),
     ] {
         map.attributes.insert(key.into(), value);
+    }
+    if options.device == Device::Gpu {
+        map.attributes.insert("fit.device".into(), "gpu".into());
     }
     map
 }

@@ -1,4 +1,4 @@
-//! The model f = ρ_d + Σ A_j (b_j / r_j)ⁿ (4.1), (4.2) of one value, in the form that the optimiser likes.
+//! The model f = ρ_d + Σ A_j (b_j / r_j)ⁿ (4.1), (4.2) of one value, and a microfacet term where one is fitted, in the form that the optimiser likes.
 //!
 //! C and ρ_s share a scale. Here C has length 1 and the amplitude A is the lobe's value where its base b equals the reference
 //! r, which is kept at the largest base within the cone of the samples: A is then the peak reflectance there, hardly correlated
@@ -6,6 +6,7 @@
 
 use glam::DVec3;
 
+use super::coat::Coat;
 use super::samples::Samples;
 use crate::reflectance::{Lobe, LobeBrdf, Rgb};
 
@@ -37,6 +38,8 @@ pub struct Model {
     pub beta: f64,
     /// The lobes.
     pub lobes: Vec<ModelLobe>,
+    /// A microfacet term besides, for tables alone.
+    pub coat: Option<Coat>,
 }
 
 /// The products of a sample in the lobes' frame: ω_ix ω_ox and ω_iy ω_oy there, and the derivative of the first by β
@@ -122,15 +125,34 @@ impl Model {
     /// The model's value for sample k, sr⁻¹.
     pub fn value(&self, samples: &Samples, k: usize) -> f64 {
         let products = Turned::new(self.beta).products(samples, k);
-        self.diffuse + self.lobes.iter().map(|lobe| lobe.amplitude * lobe.shape(products)).sum::<f64>()
+        let coat = self.coat.map_or(0.0, |coat| coat.value(samples, k));
+        let lobes: f64 = self.lobes.iter().map(|lobe| lobe.amplitude * lobe.shape(products)).sum();
+        self.diffuse + coat + lobes
     }
 
     /// The model as a BRDF with a colour for the diffuse term and one a lobe; β is brought into −π/4..π/4.
     pub fn to_brdf(&self, rho_d: Rgb, rho_s: &[Rgb]) -> LobeBrdf {
         let lobes = self.lobes.iter().zip(rho_s).map(|(lobe, &rho_s)| lobe.to_lobe(rho_s)).collect();
         let isotropic = self.lobes.iter().all(|lobe| lobe.c.x == lobe.c.y);
-        let brdf = LobeBrdf { rho_d, beta: 0.0, lobes };
+        let brdf = LobeBrdf { rho_d, beta: 0.0, lobes, ..LobeBrdf::default() };
         if isotropic { brdf } else { brdf.rotated(self.beta as f32) }
+    }
+}
+
+impl From<&LobeBrdf> for Model {
+    /// The model of a BRDF's red channel.
+    fn from(brdf: &LobeBrdf) -> Self {
+        let lobe = |lobe: &Lobe| {
+            let (c, amplitude) = (lobe.c.as_dvec3(), f64::from(lobe.rho_s.x));
+            ModelLobe { amplitude, c: c.normalize(), n: f64::from(lobe.n), reference: 1.0 / c.length() }
+        };
+        let coat = brdf.microfacets.first().map(|coat| Coat {
+            f0: f64::from(coat.f0.x),
+            f90: f64::from(coat.f90.x),
+            alpha: f64::from(coat.alpha),
+        });
+        let (diffuse, beta) = (f64::from(brdf.rho_d.x), f64::from(brdf.beta));
+        Self { diffuse, beta, lobes: brdf.lobes.iter().map(lobe).collect(), coat }
     }
 }
 
@@ -151,7 +173,12 @@ mod tests {
         let pairs = testing::directions(50, 3);
         let samples = testing::samples(&pairs, |_, _| Rgb::ONE);
         let lobe = ModelLobe::over(&samples, DVec3::new(-0.9, -0.5, 0.7), 23.0).unwrap();
-        let model = Model { diffuse: 0.1, beta: 0.6, lobes: vec![ModelLobe { amplitude: 2.0, ..lobe }] };
+        let model = Model {
+            diffuse: 0.1,
+            beta: 0.6,
+            lobes: vec![ModelLobe { amplitude: 2.0, ..lobe }],
+            ..Model::default()
+        };
         for beta in [0.6, 0.6 + std::f64::consts::FRAC_PI_2] {
             let mut model = model.clone();
             model.beta = beta;

@@ -6,6 +6,7 @@
 //! explained variance over the bank, the best sets are optimised for a few steps, and the best of those go on. The
 //! last beam is optimised to convergence and the cheapest wins. One procedure, no chance in it.
 
+use super::coat::Coat;
 use super::lm::{Freedom, Limits, Optimiser, Outcome};
 use super::model::{Model, ModelLobe, Turned, isotropic_c};
 use super::random::Random;
@@ -14,6 +15,8 @@ use super::{linear, lm};
 
 /// Exponents 1, 2, 4, … 2^(EXPONENTS − 1).
 const EXPONENTS: usize = 12;
+/// Widths from which a microfacet term is optimised.
+const COAT_WIDTHS: [f64; 8] = [0.003, 0.006, 0.012, 0.025, 0.05, 0.1, 0.2, 0.5];
 /// Rows of the bank a direction.
 const ROWS: usize = EXPONENTS + 1;
 
@@ -46,8 +49,8 @@ impl Effort {
     pub const TABLE: Self = Self {
         directions: 144,
         powers: &[1.0, 0.5, 0.0],
-        beam: 24,
-        trial_steps: 30,
+        beam: 8,
+        trial_steps: 20,
         limits: Limits { iterations: 400, tolerance: 1e-9 },
     };
 }
@@ -137,7 +140,42 @@ impl Search {
         lobes: usize,
         effort: Effort,
     ) -> (Model, Outcome) {
-        let mut beam = vec![Candidate { cost: f64::INFINITY, model: problem.diffuse_only() }];
+        let beam = vec![Candidate { cost: f64::INFINITY, model: problem.diffuse_only() }];
+        self.extend(optimiser, problem, beam, lobes, effort)
+    }
+
+    /// As [`Self::best`] with a microfacet term, which is found first, from widths all over their range.
+    pub fn best_coated(
+        &mut self,
+        optimiser: &mut Optimiser,
+        problem: &Problem<'_>,
+        lobes: usize,
+        effort: Effort,
+    ) -> (Model, Outcome) {
+        let limits = Limits { iterations: effort.trial_steps, ..effort.limits };
+        let mut beam: Vec<Candidate> = COAT_WIDTHS
+            .iter()
+            .map(|&alpha| {
+                let coat = Some(Coat { f0: 0.04, f90: 1.0, alpha });
+                let mut model = Model { coat, ..problem.diffuse_only() };
+                let cost = problem.minimise(optimiser, limits, &mut model).cost;
+                Candidate { cost, model }
+            })
+            .collect();
+        beam.sort_by(|a, b| a.cost.total_cmp(&b.cost));
+        distinct(&mut beam, effort.beam.div_ceil(2));
+        self.extend(optimiser, problem, beam, lobes, effort)
+    }
+
+    /// Adds lobes to a beam one after the other and optimises the last.
+    fn extend(
+        &mut self,
+        optimiser: &mut Optimiser,
+        problem: &Problem<'_>,
+        mut beam: Vec<Candidate>,
+        lobes: usize,
+        effort: Effort,
+    ) -> (Model, Outcome) {
         if lobes > 0 {
             self.bank.fill(problem.samples, effort.directions);
         }
@@ -262,7 +300,8 @@ impl Search {
         self.weights.extend(target.linear_weight.iter().map(|w| (w / largest).powf(power) as f32));
         let fixed = if problem.freedom.diffuse { 0.0 } else { model.diffuse };
         self.data.clear();
-        self.data.extend((0..count).map(|k| (target.value[k] - fixed) as f32 * self.weights[k]));
+        let coat = |k: usize| model.coat.map_or(0.0, |coat| coat.value(samples, k));
+        self.data.extend((0..count).map(|k| (target.value[k] - fixed - coat(k)) as f32 * self.weights[k]));
         let mut plain = Vec::with_capacity(count * (1 + model.lobes.len()));
         if problem.freedom.diffuse {
             plain.resize(count, 1f32);

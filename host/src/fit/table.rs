@@ -1,6 +1,8 @@
 //! Fits one measured table, wavelength by wavelength with lobes of its own each, and says how well it predicts held-out rows.
 //!
-//! Tables of paint are isotropic: Cx = Cy and β = 0.
+//! Tables of paint are isotropic: Cx = Cy and β = 0. Beside lobes a microfacet term can be fitted, and the data can choose ([`choice`]).
+
+mod choice;
 
 use rayon::prelude::*;
 
@@ -10,12 +12,31 @@ use super::model::Model;
 use super::random::Random;
 use super::samples::{Samples, Target};
 use super::start::{Effort, Problem, Search};
-use super::{Method, PERCENTILE, Residual, diffuse, evaluate, line_search};
+use super::{Method, PERCENTILE, Residual, conserve, diffuse, evaluate, line_search};
 use crate::error::{Error, Result};
-use crate::reflectance::{LobeBrdf, MeasuredTable, Rgb};
+use crate::progress;
+use crate::reflectance::{LobeBrdf, MeasuredTable, Microfacet, Rgb};
 
 /// Rows whose incidence is this near a held-out angle are left out, degrees.
 pub const HOLD_OUT_WIDTH_DEG: f64 = 0.5;
+
+/// What a fit of a table may change.
+const FREEDOM: Freedom = Freedom { isotropic: true, diffuse: true };
+
+/// A model's size.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Size {
+    /// Lobes; black ones stay in the model.
+    pub lobes: usize,
+    /// Whether there is a microfacet term.
+    pub microfacet: bool,
+}
+
+impl std::fmt::Display for Size {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "{}{}", self.lobes, if self.microfacet { " + GGX" } else { "" })
+    }
+}
 
 /// How a table is fitted.
 #[derive(Debug, Clone, PartialEq)]
@@ -30,6 +51,8 @@ pub struct TableOptions {
     pub random_starts: usize,
     /// Seed of the random starts.
     pub seed: u64,
+    /// Whether a fit with a directional albedo above 1 is made again so that it has none.
+    pub conserve_energy: bool,
 }
 
 /// Errors over some rows.
@@ -48,33 +71,44 @@ pub struct Errors {
 pub struct WavelengthFit {
     /// Wavelength, nm.
     pub wavelength_nm: f64,
-    /// Lobes that were asked for; black ones stay in the model.
-    pub lobes: usize,
+    /// The model's size.
+    pub size: Size,
+    /// Whether it is the one to take for this wavelength: the one asked for, or the choice of the data.
+    pub chosen: bool,
     /// The lobes.
     pub model: Model,
     /// Cost and convergence.
     pub outcome: Outcome,
     /// Over the rows that the fit saw.
     pub training: Errors,
+    /// The same before the fit was changed for the sake of energy, where it was.
+    pub free: Option<Errors>,
     /// Over the rows that it did not.
     pub held_out: Option<Errors>,
     /// Cost over the best cost of the random starts.
     pub start_ratio: Option<f64>,
+    /// Squared errors of the training rows, each predicted without its incidence; empty where there is no choice.
+    left_out: Vec<f64>,
 }
 
 /// The rows of a table that a fit sees and those that it does not.
 struct Split {
     training: Samples,
     held_out: Samples,
+    /// Incidences of the training rows, degrees.
+    theta_deg: Vec<f64>,
 }
 
 fn split(table: &MeasuredTable, values: &[f64], hold_out_theta_deg: &[f64]) -> Split {
-    let mut split = Split { training: Samples::default(), held_out: Samples::default() };
+    let mut split = Split { training: Samples::default(), held_out: Samples::default(), theta_deg: vec![] };
     for (row, &value) in table.rows.iter().zip(values) {
         let theta = row.theta_i.to_degrees();
         let held = hold_out_theta_deg.iter().any(|held| (held - theta).abs() <= HOLD_OUT_WIDTH_DEG);
         let side = if held { &mut split.held_out } else { &mut split.training };
         side.push_value(row.wi(), row.wo(), value, 1.0);
+        if split.training.len() > split.theta_deg.len() {
+            split.theta_deg.push(theta);
+        }
     }
     split
 }
@@ -89,31 +123,58 @@ fn errors(samples: &Samples, model: &Model) -> Errors {
     }
 }
 
-/// Fits a table at every wavelength with every number of lobes, in parallel; sorted by wavelength as given, then by lobes.
+/// Which of the sizes is to be taken.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Take {
+    /// This one.
+    Size(Size),
+    /// For every wavelength the one that predicts left-out incidences best.
+    Choose,
+}
+
+/// Fits a table at every wavelength with every size, in parallel; sorted by wavelength as given, then by size as given.
 ///
 /// # Errors
 /// Input errors: a wavelength outside the table, nothing left to fit or nothing held out at an angle that was asked for.
 pub fn fit(
     table: &MeasuredTable,
     wavelengths_nm: &[f64],
-    lobes: &[usize],
+    sizes: &[Size],
+    take: Take,
     options: &TableOptions,
 ) -> Result<Vec<WavelengthFit>> {
-    check(table, lobes, options)?;
+    check(table, sizes, options)?;
     let mut cases = Vec::new();
     for &wavelength_nm in wavelengths_nm {
         let values = table.at_wavelength(wavelength_nm).map_err(|error| Error::input(error.to_string()))?;
-        cases.extend(lobes.iter().map(|&lobes| (wavelength_nm, values.clone(), lobes)));
+        cases.extend(sizes.iter().map(|&size| (wavelength_nm, values.clone(), size)));
     }
-    Ok(cases
+    let bar = progress::bar("fitting", cases.len() as u64, "fits");
+    let mut fits: Vec<WavelengthFit> = cases
         .into_par_iter()
-        .map(|(wavelength_nm, values, lobes)| one(table, wavelength_nm, &values, lobes, options))
-        .collect())
+        .with_max_len(1)
+        .map(|(wavelength_nm, values, size)| {
+            let mut fit = one(table, wavelength_nm, &values, size, options, take == Take::Choose);
+            fit.chosen = take == Take::Size(size);
+            bar.advance(1);
+            fit
+        })
+        .collect();
+    if take == Take::Choose {
+        for fits in fits.chunks_mut(sizes.len().max(1)) {
+            let place = choice::chosen(&fits.iter().collect::<Vec<_>>());
+            fits[place].chosen = true;
+        }
+    }
+    Ok(fits)
 }
 
-fn check(table: &MeasuredTable, lobes: &[usize], options: &TableOptions) -> Result<()> {
-    for &lobes in lobes {
-        super::FitOptions { lobes, method: options.method, ..Default::default() }.check()?;
+fn check(table: &MeasuredTable, sizes: &[Size], options: &TableOptions) -> Result<()> {
+    for size in sizes {
+        super::FitOptions { lobes: size.lobes, method: options.method, ..Default::default() }.check()?;
+        if size.microfacet && options.method == Method::LineSearch {
+            return Err(Error::input("the line search fits no microfacet term; use --method lm"));
+        }
     }
     let near = |row: &crate::reflectance::table::TableRow, held: f64| {
         (row.theta_i.to_degrees() - held).abs() <= HOLD_OUT_WIDTH_DEG
@@ -135,24 +196,30 @@ fn one(
     table: &MeasuredTable,
     wavelength_nm: f64,
     values: &[f64],
-    lobes: usize,
+    size: Size,
     options: &TableOptions,
+    judged: bool,
 ) -> WavelengthFit {
-    let Split { training, held_out } = split(table, values, &options.hold_out_theta_deg);
+    let Size { lobes, microfacet } = size;
+    let Split { training, held_out, theta_deg } = split(table, values, &options.hold_out_theta_deg);
     let mut target = Target::default();
     target.set(&training, training.value.iter().copied(), options.residual);
     let mut optimiser = Optimiser::default();
-    let freedom = Freedom { isotropic: true, diffuse: true };
-    let problem = Problem { samples: &training, target: &target, freedom, fixed_diffuse: 0.0 };
+    let problem = Problem { samples: &training, target: &target, freedom: FREEDOM, fixed_diffuse: 0.0 };
     let mut start_ratio = None;
-    let (model, outcome) = if options.method == Method::LineSearch && lobes > 0 {
+    let (mut model, mut outcome) = if options.method == Method::LineSearch && lobes > 0 {
         let rho_d = diffuse::percentile(&mut training.value.clone(), PERCENTILE);
-        let model = line_search::fit(&training, &target, rho_d, freedom);
+        let model = line_search::fit(&training, &target, rho_d, FREEDOM);
         let cost = optimiser.evaluate(&training, &target, &model);
         (model, Outcome { cost, iterations: 0, converged: true })
     } else {
-        let found = Search::default().best(&mut optimiser, &problem, lobes, Effort::TABLE);
-        if options.random_starts > 0 {
+        let mut search = Search::default();
+        let found = if microfacet {
+            search.best_coated(&mut optimiser, &problem, lobes, Effort::TABLE)
+        } else {
+            search.best(&mut optimiser, &problem, lobes, Effort::TABLE)
+        };
+        if options.random_starts > 0 && !microfacet {
             let mut random = Random::new(options.seed);
             let limits = Effort::TABLE.limits;
             let best =
@@ -161,9 +228,25 @@ fn one(
         }
         found
     };
+    let mut free = None;
+    if options.conserve_energy
+        && let Some(held) = conserve::conserve(&coloured(&model, Rgb::X), &training, &[0], &[target.clone()])
+    {
+        free = Some(errors(&training, &model));
+        model = Model::from(&held);
+        outcome.cost = optimiser.evaluate(&training, &target, &model);
+    }
+    let left_out = if judged {
+        choice::left_out(&training, &choice::folds(&theta_deg), &target, &model)
+    } else {
+        Vec::new()
+    };
     WavelengthFit {
         wavelength_nm,
-        lobes,
+        size,
+        chosen: false,
+        left_out,
+        free,
         training: errors(&training, &model),
         held_out: (!held_out.is_empty()).then(|| errors(&held_out, &model)),
         model,
@@ -172,18 +255,32 @@ fn one(
     }
 }
 
-/// The BRDF of three fits for red, green and blue: every lobe is seen in its own channel only.
+/// The BRDF of three fits for red, green and blue: every term is seen in its own channel only.
 pub fn brdf(red_green_blue: [&WavelengthFit; 3]) -> LobeBrdf {
     let mut brdf = LobeBrdf::default();
-    for (channel, fit) in red_green_blue.into_iter().enumerate() {
-        brdf.rho_d[channel] = fit.model.diffuse as f32;
-        for lobe in fit.model.lobes.iter().filter(|lobe| lobe.amplitude > 0.0) {
-            let mut rho_s = Rgb::ZERO;
-            rho_s[channel] = lobe.amplitude as f32;
-            brdf.lobes.push(lobe.to_lobe(rho_s));
-        }
+    for (fit, colour) in red_green_blue.into_iter().zip([Rgb::X, Rgb::Y, Rgb::Z]) {
+        let one = coloured(&fit.model, colour);
+        brdf.rho_d += one.rho_d;
+        brdf.lobes.extend(one.lobes);
+        brdf.microfacets.extend(one.microfacets);
     }
     brdf
+}
+
+/// A model in a colour, without its black lobes.
+pub fn coloured(model: &Model, colour: Rgb) -> LobeBrdf {
+    let lobes = model.lobes.iter().filter(|lobe| lobe.amplitude > 0.0);
+    let coat = model.coat.map(|coat| Microfacet {
+        f0: coat.f0 as f32 * colour,
+        f90: coat.f90 as f32 * colour,
+        alpha: coat.alpha as f32,
+    });
+    LobeBrdf {
+        rho_d: model.diffuse as f32 * colour,
+        beta: 0.0,
+        lobes: lobes.map(|lobe| lobe.to_lobe(lobe.amplitude as f32 * colour)).collect(),
+        microfacets: coat.into_iter().collect(),
+    }
 }
 
 /// The figures of a list of fits, as reports hold them.
@@ -193,7 +290,9 @@ pub fn figures(fits: &[WavelengthFit], options: &TableOptions) -> Vec<ErrorFigur
         let mut add = |name: &str, value: f64, over: String| {
             figures.push(
                 ErrorFigure::new(name, value, "1", over)
-                    .with("lobes", fit.lobes)
+                    .with("lobes", fit.size.lobes)
+                    .with("microfacet", fit.size.microfacet)
+                    .with("chosen", fit.chosen)
                     .with("wavelength_nm", fit.wavelength_nm)
                     .with("method", options.method.name())
                     .with("residual", options.residual.name()),
@@ -202,6 +301,10 @@ pub fn figures(fits: &[WavelengthFit], options: &TableOptions) -> Vec<ErrorFigur
         let over = |errors: &Errors, what: &str| format!("{} {what} rows", errors.rows);
         add("training_log_rms", fit.training.log_rms, over(&fit.training, "training"));
         add("training_relative_l2", fit.training.relative_l2, over(&fit.training, "training"));
+        if let Some(free) = &fit.free {
+            add("energy_free_training_log_rms", free.log_rms, over(free, "training"));
+            add("energy_free_training_relative_l2", free.relative_l2, over(free, "training"));
+        }
         if let Some(held_out) = &fit.held_out {
             add("held_out_log_rms", held_out.log_rms, over(held_out, "held-out"));
             add("held_out_relative_l2", held_out.relative_l2, over(held_out, "held-out"));
@@ -228,13 +331,18 @@ mod tests {
             hold_out_theta_deg: vec![30.0],
             random_starts: 4,
             seed: 1,
+            conserve_energy: false,
         }
     }
+
+    const ZERO: Size = Size { lobes: 0, microfacet: false };
+    const ONE: Size = Size { lobes: 1, microfacet: false };
+    const TWO: Size = Size { lobes: 2, microfacet: false };
 
     /// A table of a known material with one lobe at incidences 10° … 70°.
     fn table() -> MeasuredTable {
         let lobe = Lobe { rho_s: Rgb::splat(0.8), c: Vec3::new(-0.95, -0.95, 0.9), n: 30.0 };
-        let truth = LobeBrdf { rho_d: Rgb::splat(0.05), beta: 0.0, lobes: vec![lobe] };
+        let truth = LobeBrdf { rho_d: Rgb::splat(0.05), beta: 0.0, lobes: vec![lobe], ..LobeBrdf::default() };
         let mut rows = Vec::new();
         for (i, o, p) in (1..8)
             .flat_map(|i| (0..8).flat_map(move |o| (0..9).map(move |p| (f64::from(i), f64::from(o), p))))
@@ -251,10 +359,10 @@ mod tests {
 
     #[test]
     fn a_table_of_one_lobe_is_recovered_and_predicts_the_held_out_incidence() {
-        let fits = fit(&table(), &[400.0, 500.0, 600.0], &[0, 1], &options()).unwrap();
+        let fits = fit(&table(), &[400.0, 500.0, 600.0], &[ZERO, ONE], Take::Size(ONE), &options()).unwrap();
         assert_eq!(fits.len(), 6);
         let one = &fits[3];
-        assert_eq!((one.wavelength_nm, one.lobes), (500.0, 1));
+        assert_eq!((one.wavelength_nm, one.size, one.chosen), (500.0, ONE, true));
         let held_out = one.held_out.unwrap();
         assert_eq!(held_out.rows, 72);
         assert!(held_out.log_rms < 1e-3 && held_out.relative_l2 < 1e-3, "{one:?}");
@@ -266,6 +374,27 @@ mod tests {
         assert_eq!(figures.iter().filter(|figure| figure.name == "held_out_log_rms").count(), 6);
         let json = serde_json::to_value(&figures[0]).unwrap();
         assert_eq!(json["wavelength_nm"], 400.0);
+    }
+
+    #[test]
+    fn the_data_choose_a_lobe_or_a_coat_over_it() {
+        let sizes =
+            [false, true].map(|microfacet| [0, 1, 2].map(|lobes| Size { lobes, microfacet })).concat();
+        let chosen = |table: &MeasuredTable| {
+            let fits = fit(table, &[400.0], &sizes, Take::Choose, &options()).unwrap();
+            fits.into_iter().find(|fit| fit.chosen).unwrap()
+        };
+        let mut table = table();
+        assert_eq!(chosen(&table).size, ONE);
+        let coat = Microfacet { f0: Rgb::splat(0.04), f90: Rgb::ONE, alpha: 0.15 };
+        for row in &mut table.rows {
+            row.values[0] += f64::from(coat.eval(row.wi().as_vec3(), row.wo().as_vec3()).x);
+        }
+        let coated = chosen(&table);
+        assert_eq!(coated.size, Size { lobes: 1, microfacet: true }, "{coated:?}");
+        let found = coated.model.coat.unwrap();
+        assert!((found.alpha - 0.15).abs() < 1e-3 && (found.f0 - 0.04).abs() < 1e-3, "{found:?}");
+        assert!((found.f90 - 1.0).abs() < 0.02 && coated.held_out.unwrap().log_rms < 1e-2);
     }
 
     #[test]
@@ -282,7 +411,9 @@ mod tests {
             random_starts: 16,
             ..options()
         };
-        let fits = fit(&MeasuredTable::read(&path).unwrap(), &[650.0], &[1, 2], &options).unwrap();
+        let fits =
+            fit(&MeasuredTable::read(&path).unwrap(), &[650.0], &[ONE, TWO], Take::Size(ONE), &options)
+                .unwrap();
         for fit in &fits {
             assert!(fit.start_ratio.unwrap() < 1.02, "{fit:?}");
         }
@@ -290,10 +421,56 @@ mod tests {
     }
 
     #[test]
+    #[ignore = "long: cargo xtask long"]
+    fn a_measured_retro_reflector_gets_a_retro_lobe_without_being_told() {
+        let folder = std::env::var("LOBELIA_DATA").unwrap_or_else(|_| "../../shared/data".into());
+        let path = std::path::Path::new(&folder).join("brdf/retro-3M-jaune.dat");
+        if !path.exists() {
+            println!("skipped: {} is not there", path.display());
+            return;
+        }
+        let sizes = [false, true].map(|microfacet| [1, 2].map(|lobes| Size { lobes, microfacet })).concat();
+        let options = TableOptions {
+            residual: Residual::Balanced,
+            hold_out_theta_deg: vec![],
+            random_starts: 0,
+            ..options()
+        };
+        let table = MeasuredTable::read(&path).unwrap();
+        let fits = fit(&table, &[550.0], &sizes, Take::Choose, &options).unwrap();
+        let chosen = fits.iter().find(|fit| fit.chosen).unwrap();
+        let mut lobes = chosen.model.lobes.clone();
+        lobes.sort_by(|a, b| b.n.total_cmp(&a.n));
+        // Its axis points at the light: Cx = Cy = Cz.
+        let sharpest = lobes[0];
+        assert!(sharpest.n > 100.0 && (sharpest.c.x / sharpest.c.z - 1.0).abs() < 0.02, "{chosen:?}");
+    }
+
+    #[test]
+    fn a_table_that_makes_energy_is_held_and_says_what_that_costs() {
+        let lobe = Lobe { rho_s: Rgb::splat(3.0), c: Vec3::new(-1.1, -1.1, 0.9), n: 8.0 };
+        let metal = LobeBrdf { lobes: vec![lobe], ..LobeBrdf::diffuse(Rgb::splat(0.2)) };
+        let mut table = table();
+        for row in &mut table.rows {
+            let f = f64::from(metal.eval(row.wi().as_vec3(), row.wo().as_vec3()).x);
+            row.values = vec![f, f];
+        }
+        let options = TableOptions { conserve_energy: true, ..options() };
+        let held = fit(&table, &[400.0], &[ONE], Take::Size(ONE), &options).unwrap().remove(0);
+        let largest = crate::reflectance::albedo::largest(&coloured(&held.model, Rgb::ONE)).x;
+        assert!(largest <= 1.0 + conserve::TOLERANCE, "{largest}");
+        let free = held.free.unwrap();
+        assert!(free.log_rms < 1e-3 && held.training.log_rms > 10.0 * free.log_rms, "{held:?}");
+        assert!(
+            figures(&[held], &options).iter().any(|figure| figure.name == "energy_free_training_log_rms")
+        );
+    }
+
+    #[test]
     fn held_out_angles_that_leave_nothing_are_refused() {
         let refused = |angles: Vec<f64>, wavelength: f64| {
             let options = TableOptions { hold_out_theta_deg: angles, ..options() };
-            fit(&table(), &[wavelength], &[1], &options).unwrap_err().to_string()
+            fit(&table(), &[wavelength], &[ONE], Take::Size(ONE), &options).unwrap_err().to_string()
         };
         assert!(refused(vec![35.0], 400.0).contains("held-out 35°"));
         assert!(refused((1..8).map(|i| f64::from(i) * 10.0).collect(), 400.0).contains("nothing is left"));

@@ -75,7 +75,7 @@ fn an_anisotropic_texel_keeps_its_direction() {
         let mut random = Random::new(seed);
         let beta = random.uniform(-0.75, 0.75) as f32;
         let lobe = Lobe { rho_s: Rgb::new(0.5, 0.4, 0.2), c: glam::Vec3::new(-1.0, -0.8, 0.95), n: 25.0 };
-        let truth = LobeBrdf { rho_d: Rgb::splat(0.05), beta, lobes: vec![lobe] };
+        let truth = LobeBrdf { rho_d: Rgb::splat(0.05), beta, lobes: vec![lobe], ..LobeBrdf::default() };
         workspace.samples = measured(&directions(250, seed + 50), &truth, 0.08, &mut random);
         let options = FitOptions { isotropic: false, ..Default::default() };
         let fit = texel::fit(&mut workspace, &options);

@@ -5,7 +5,7 @@ use super::model::Model;
 use super::samples::{Samples, Target};
 use super::separable::uncertainty::Sigma;
 use super::start::{Effort, Problem, Search};
-use super::{Diffuse, FitOptions, Method, albedo, diffuse, evaluate, line_search};
+use super::{Diffuse, FitOptions, Method, albedo, conserve, diffuse, evaluate, line_search};
 use crate::reflectance::{LobeBrdf, Rgb, colour};
 
 /// What one thread needs to fit texels without allocating for each.
@@ -31,6 +31,8 @@ pub struct TexelFit {
     pub samples: usize,
     /// Standard deviations of the coefficients; the separable fit alone gives them.
     pub sigma: Option<Sigma>,
+    /// Whether the fit was changed so that it makes no energy.
+    pub held: bool,
 }
 
 /// The channels that share their lobes' shapes, and what the shapes are fitted to.
@@ -70,7 +72,21 @@ pub fn fit(workspace: &mut Workspace, options: &FitOptions) -> TexelFit {
     }
     let rms = (error / (3 * count).max(1) as f64).sqrt();
     let relative = if whole > 0.0 { (error / whole).sqrt() } else { 0.0 };
-    TexelFit { brdf, rms, relative, samples: count, sigma: None }
+    TexelFit { brdf, rms, relative, samples: count, sigma: None, held: false }
+}
+
+/// Fits a texel with a directional albedo above 1 again so that it has none, and measures its error again.
+pub(super) fn hold(fit: &mut TexelFit, samples: &Samples, options: &FitOptions) {
+    let targets: [Target; 3] = std::array::from_fn(|channel| {
+        let mut target = Target::default();
+        target.set(samples, samples.rgb.iter().map(|rgb| rgb[channel]), options.residual);
+        target
+    });
+    let Some(brdf) = conserve::conserve(&fit.brdf, samples, &[0, 1, 2], &targets) else { return };
+    let (error, whole) = conserve::squares(&brdf, samples);
+    fit.rms = (error / (3 * samples.len()).max(1) as f64).sqrt();
+    fit.relative = if whole > 0.0 { (error / whole).sqrt() } else { 0.0 };
+    (fit.brdf, fit.sigma, fit.held) = (brdf, None, true);
 }
 
 /// The lobes asked for, or as many as `count` samples can tell apart.

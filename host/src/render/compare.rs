@@ -60,12 +60,33 @@ pub fn compare(picture: &Picture, reference: &Picture) -> Result<Errors> {
     })
 }
 
+/// The relative RMSE of a picture, estimated by three noisy pictures of the reference that are independent of it and of each
+/// other: the noise of two cancels in the mean of (a − r₁)(a − r₂), and errors are relative to the third.
+pub(crate) fn relative_rmse_by(judges: &[Picture; 3], picture: &Picture) -> f64 {
+    let [first, second, third] = judges.each_ref().map(|judge| judge.pixels.iter().map(|p| p.truncate()));
+    let a = picture.pixels.iter().map(|pixel| pixel.truncate());
+    let squares: Vec<Vec3> = a.zip(first.zip(second)).map(|(a, (r, s))| (a - r) * (a - s)).collect();
+    expected_relative_rmse(third, &squares)
+}
+
 /// The relative RMSE of a picture whose pixels have the means and the variances given.
 pub(crate) fn expected_relative_rmse(means: impl Iterator<Item = Rgb> + Clone, variance: &[Vec3]) -> f64 {
     let values = (3 * variance.len()) as f64;
     let floor = (FLOOR * sum(means.clone()) / values).powi(2).max(f64::MIN_POSITIVE) as f32;
     let relative = means.zip(variance).map(|(mean, square)| *square / (mean * mean + Vec3::splat(floor)));
-    (sum(relative) / values).sqrt()
+    (sum(relative) / values).max(0.0).sqrt()
+}
+
+/// The relative RMSE over pairs of a pixel and its truth, ε a tenth of the mean of `all`.
+pub(crate) fn relative_rmse(all: impl Iterator<Item = Rgb>, pairs: impl Iterator<Item = (Rgb, Rgb)>) -> f64 {
+    let (total, count) =
+        all.fold((0.0, 0usize), |(total, count), pixel| (total + f64::from(pixel.element_sum()), count + 3));
+    let floor = (FLOOR * total / count.max(1) as f64).powi(2).max(f64::MIN_POSITIVE) as f32;
+    let (squares, count) = pairs.fold((0.0, 0usize), |(squares, count), (found, truth)| {
+        let relative = (found - truth) * (found - truth) / (truth * truth + Vec3::splat(floor));
+        (squares + f64::from(relative.element_sum()), count + 3)
+    });
+    (squares / count.max(1) as f64).sqrt()
 }
 
 /// Sum over all values and channels.
@@ -91,6 +112,19 @@ mod tests {
         assert!(errors.flip > 0.01 && errors.flip < 1.0);
         let same = compare(&picture(|i| i as f32), &picture(|i| i as f32)).unwrap();
         assert_eq!((same.rmse, same.relative_rmse, same.flip), (0.0, 0.0, 0.0));
+    }
+
+    #[test]
+    fn noise_of_the_judges_cancels() {
+        let noise = |k: u32| crate::render::sampler::hash(k) as f32 / u32::MAX as f32 - 0.5;
+        let picture = |value: &dyn Fn(u32) -> f32| {
+            let pixels = (0..40_000).map(|i| Vec3::splat(value(i)).extend(1.0)).collect();
+            Picture { width: 200, height: 200, pixels }
+        };
+        let judges = [1, 2, 3].map(|k| picture(&|i| 2.0 + noise(i + k * 1_000_000)));
+        let found = relative_rmse_by(&judges, &picture(&|_| 2.1));
+        // The third's noise, 14 %, makes the inverse square 6 % larger.
+        assert!((found / (0.01f64 / (4.0 + 0.04)).sqrt() - 1.0).abs() < 0.1, "{found}");
     }
 
     #[test]

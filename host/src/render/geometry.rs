@@ -1,16 +1,13 @@
 //! A scene's triangles in the world, with the tree that finds the one a ray hits and the frame at that point.
 
 use std::ops::Range;
-use std::time::Duration;
+use std::sync::Arc;
 
 use glam::{Affine3A, Mat3A, Vec2, Vec3, Vec3A};
-use obvhs::BvhBuildParams;
-use obvhs::cwbvh::{CwBvh, builder::build_cwbvh_from_tris};
-use obvhs::ray::{Ray, RayHit};
-use obvhs::rt_triangle::RtTriangle;
 use obvhs::triangle::Triangle;
 
-use crate::scene::{Light, Mesh, Scene, Vertex, shapes};
+use super::bvh::Bvh;
+use crate::scene::{Light, Mask, Mesh, Object, Scene, Vertex, shapes};
 
 /// The least cosine between the shading normal and the view: a normal that points away from the viewer is bent to it,
 /// else the rims of smooth meshes turn black.
@@ -22,10 +19,12 @@ pub(crate) struct Geometry {
     triangles: Vec<[u32; 3]>,
     /// Object a triangle; rectangular lights come after the scene's objects.
     objects: Vec<u32>,
-    bvh: CwBvh,
-    /// Triangles in the tree's order, ready to intersect.
-    leaves: Vec<RtTriangle>,
-    /// Length by which rays are kept off the surface that they start from, relative to coordinates.
+    bvh: Bvh,
+    /// What is cut out of the objects, with the repeats of the texture.
+    masks: Vec<Option<(Arc<Mask>, Vec2)>>,
+    /// Whether anything is.
+    masked: bool,
+    /// Length by which rays are kept off the surface that they start from.
     offset: f32,
 }
 
@@ -105,31 +104,57 @@ impl Geometry {
             .iter()
             .map(|&[a, b, c]| Triangle { v0: corner(a), v1: corner(b), v2: corner(c) })
             .collect();
-        let bvh = build_cwbvh_from_tris(&triangles, BvhBuildParams::slow_build(), &mut Duration::default());
-        let leaves =
-            bvh.primitive_indices.iter().map(|&i| RtTriangle::from(&triangles[i as usize])).collect();
-        let (low, high) = joined.bounds();
-        let extent = if joined.vertices.is_empty() { 0.0 } else { low.abs().max(high.abs()).max_element() };
+        let mask = |object: &Object| Some((object.material.mask.clone()?, object.material.tiling));
+        let mut masks: Vec<_> = scene.objects.iter().map(mask).collect();
+        masks.resize_with(runs.len(), || None);
         Self {
+            offset: offset(&joined),
+            masked: masks.iter().any(Option::is_some),
+            masks,
             vertices: joined.vertices,
             triangles: joined.triangles,
             objects,
-            bvh,
-            leaves,
-            offset: extent.max(f32::MIN_POSITIVE) * 2e-5,
+            bvh: Bvh::new(&triangles),
         }
+    }
+
+    /// Whether a triangle stops a ray at a point, and is not cut out there.
+    #[inline]
+    fn solid(&self, triangle: u32, point: impl FnOnce() -> Vec3) -> bool {
+        if !self.masked {
+            return true;
+        }
+        let Some((mask, tiling)) = &self.masks[self.objects[triangle as usize] as usize] else { return true };
+        mask.solid(self.uv(triangle, point()) * *tiling)
+    }
+
+    /// The corners of a triangle.
+    fn corners(&self, triangle: u32) -> [&Vertex; 3] {
+        self.triangles[triangle as usize].map(|i| &self.vertices[i as usize])
+    }
+
+    /// Texture coordinates at a point of a triangle's plane.
+    fn uv(&self, triangle: u32, point: Vec3) -> Vec2 {
+        let corners = self.corners(triangle);
+        let [wb, wc] = barycentric(corners.map(|vertex| vertex.position), point);
+        corners[0].uv * (1.0 - wb - wc) + corners[1].uv * wb + corners[2].uv * wc
+    }
+
+    /// Texture coordinates where another ray meets the plane of the triangle that was hit.
+    pub(crate) fn uv_along(&self, hit: &Hit, origin: Vec3, direction: Vec3) -> Vec2 {
+        let [a, b, c] = self.corners(hit.triangle).map(|vertex| vertex.position);
+        let normal = (b - a).cross(c - a);
+        let distance = (a - origin).dot(normal) / direction.dot(normal);
+        self.uv(hit.triangle, origin + direction * distance)
     }
 
     /// The nearest triangle along a ray of unit direction.
     pub(crate) fn nearest(&self, origin: Vec3, direction: Vec3) -> Option<Hit> {
-        if self.leaves.is_empty() {
-            return None;
-        }
-        let mut hit = RayHit::none();
-        let ray = Ray::new_inf(origin.into(), direction.into());
         self.bvh
-            .ray_traverse(ray, &mut hit, |ray, id| intersect(&self.leaves[id], ray))
-            .then(|| Hit { triangle: self.bvh.primitive_indices[hit.primitive_id as usize], distance: hit.t })
+            .nearest(origin, direction, |triangle, distance| {
+                self.solid(triangle, || origin + direction * distance)
+            })
+            .map(|(triangle, distance)| Hit { triangle, distance })
     }
 
     /// Where rays that leave a surface start.
@@ -153,31 +178,28 @@ impl Geometry {
         size_of_val(&self.vertices[..])
             + size_of_val(&self.triangles[..])
             + size_of_val(&self.objects[..])
-            + size_of_val(&self.leaves[..])
-            + size_of_val(&self.bvh.nodes[..])
-            + size_of_val(&self.bvh.primitive_indices[..])
+            + self.bvh.bytes()
     }
 
     /// Whether anything lies between a surface point and just before `distance` along a unit direction.
     pub(crate) fn occluded(&self, surface: &Surface, direction: Vec3, distance: f32) -> bool {
         let reach = distance - 3.0 * self.offset - distance.min(f32::MAX) * 1e-5;
-        let ray = Ray::new(self.leaving(surface).into(), direction.into(), 0.0, reach);
-        !self.bvh.ray_traverse_miss(ray, |ray, id| intersect(&self.leaves[id], ray))
+        let origin = self.leaving(surface);
+        self.bvh.any(origin, direction, reach, |triangle, distance| {
+            self.solid(triangle, || origin + direction * distance)
+        })
     }
 
     /// The surface at a hit, seen from the ray's origin. Surfaces have two sides with the same material.
     pub(crate) fn surface(&self, hit: &Hit, origin: Vec3, direction: Vec3) -> Surface {
-        let corners = self.triangles[hit.triangle as usize].map(|i| &self.vertices[i as usize]);
+        let corners = self.corners(hit.triangle);
         let [a, b, c] = corners.map(|v| v.position);
         let (ab, ac) = (b - a, c - a);
         let cross = ab.cross(ac);
         let along = origin + direction * hit.distance;
 
-        // Barycentric coordinates of the point; they also pull it back onto the triangle's plane.
-        let to = along - a;
-        let area = cross.length_squared().max(f32::MIN_POSITIVE);
-        let wb = (to.cross(ac).dot(cross) / area).clamp(0.0, 1.0);
-        let wc = (ab.cross(to).dot(cross) / area).clamp(0.0, 1.0);
+        // These also pull the point back onto the triangle's plane.
+        let [wb, wc] = barycentric([a, b, c], along).map(|weight| weight.clamp(0.0, 1.0));
         let weights = [(1.0 - wb - wc).max(0.0), wb, wc];
         let blend = |value: fn(&Vertex) -> Vec3| -> Vec3 {
             value(corners[0]) * weights[0] + value(corners[1]) * weights[1] + value(corners[2]) * weights[2]
@@ -211,24 +233,19 @@ impl Geometry {
     }
 }
 
-/// Distance along the ray, infinity for a miss. Unlike obvhs's own test this one counts edges (−0.0 too) as inside, with
-/// a margin of rounding, so that no ray slips between two triangles.
-#[inline]
-fn intersect(triangle: &RtTriangle, ray: &Ray) -> f32 {
-    const MARGIN: f32 = -1e-6;
-    let c = triangle.v0 - ray.origin;
-    let r = ray.direction.cross(c);
-    let inverse = 1.0 / triangle.ng.dot(ray.direction);
-    let u = r.dot(triangle.e2) * inverse;
-    let v = r.dot(triangle.e1) * inverse;
-    // A ray in the triangle's plane makes these NaN or infinite, which is a miss.
-    if u >= MARGIN && v >= MARGIN && u + v <= 1.0 - MARGIN {
-        let t = triangle.ng.dot(c) * inverse;
-        if t >= ray.tmin && t <= ray.tmax {
-            return t;
-        }
-    }
-    f32::INFINITY
+/// Length by which rays are kept off the surfaces of a mesh.
+pub(crate) fn offset(mesh: &Mesh) -> f32 {
+    let (low, high) = mesh.bounds();
+    let extent = if mesh.vertices.is_empty() { 0.0 } else { low.abs().max(high.abs()).max_element() };
+    extent.max(f32::MIN_POSITIVE) * 2e-5
+}
+
+/// The second and the third barycentric coordinate of a point of a triangle's plane.
+fn barycentric([a, b, c]: [Vec3; 3], point: Vec3) -> [f32; 2] {
+    let (ab, ac, to) = (b - a, c - a, point - a);
+    let cross = ab.cross(ac);
+    let area = cross.length_squared().max(f32::MIN_POSITIVE);
+    [to.cross(ac).dot(cross) / area, ab.cross(to).dot(cross) / area]
 }
 
 /// The sample's axes from interpolated vectors: normal (on the viewer's side), tangent, and the sign of y. The shader in
@@ -287,5 +304,22 @@ mod tests {
         assert!(surface.frame[2].dot(Vec3::NEG_X) > 0.99);
         assert!(geometry.occluded(&surface, Vec3::NEG_X, f32::INFINITY));
         assert!(!geometry.occluded(&surface, Vec3::NEG_X, 1.5));
+    }
+
+    #[test]
+    fn rays_pass_where_the_material_is_cut_out() {
+        let mut scene = sphere_scene();
+        // Two repeats around the sphere, the first half of each there: u = 0 at +z, growing to the east.
+        let mask = Mask::from_alpha(2, 1, [1.0, 0.0]);
+        (scene.objects[0].material.mask, scene.objects[0].material.tiling) =
+            (Some(mask.into()), Vec2::new(2.0, 1.0));
+        let geometry = Geometry::new(&scene);
+        let toward = |degrees: f32| Vec3::new(degrees.to_radians().sin(), 0.0, degrees.to_radians().cos());
+        for (degrees, solid) in [(45.0, true), (135.0, false), (225.0, true), (315.0, false)] {
+            assert_eq!(geometry.nearest(Vec3::ZERO, toward(degrees)).is_some(), solid, "{degrees}");
+        }
+        // From outside at the hole at 135° the far wall at 315° is open too.
+        let hit = geometry.nearest(toward(135.0) * 3.0, -toward(135.0));
+        assert!(hit.is_none(), "{hit:?}");
     }
 }

@@ -1,10 +1,13 @@
 //! A scene's materials packed for evaluation: black lobes dropped, β multiplied into C, one layout for CPU and shader.
 
+use std::collections::HashMap;
+
 use bytemuck::{Pod, Zeroable};
 use glam::{Vec2, Vec3};
 
 use super::math;
-use crate::reflectance::{Lobe, LobeBrdf, Rgb, colour};
+use crate::fit::mip;
+use crate::reflectance::{Lobe, LobeBrdf, Microfacet, Rgb, colour};
 use crate::scene::{Filter, Light, Reflectance, Scene};
 
 /// Lobes whose value would fall below 2^−40 of ρ_s are skipped.
@@ -49,7 +52,9 @@ pub(crate) struct PackedMaterial {
     pub(crate) bilinear: u32,
     /// Repeats along u and v.
     pub(crate) tiling: [f32; 2],
-    padding: [u32; 2],
+    /// MIP levels beyond the finest; their texels follow.
+    pub(crate) levels: u32,
+    padding: u32,
     /// Radiance of a rectangular light's front; zero for objects.
     pub(crate) emission: [f32; 3],
     /// 1 for a rectangular light.
@@ -61,31 +66,41 @@ pub(crate) struct Materials {
     pub(crate) materials: Vec<PackedMaterial>,
     pub(crate) texels: Vec<PackedTexel>,
     pub(crate) lobes: Vec<PackedLobe>,
+    /// Microfacet terms of the few texels that have any; not uploaded.
+    microfacets: HashMap<u32, Vec<Microfacet>>,
 }
 
 impl Materials {
-    /// Packs the materials of a scene's objects.
+    /// Packs the materials of a scene's objects, without MIP levels.
     pub(crate) fn new(scene: &Scene) -> Self {
-        let mut packed = Self { materials: vec![], texels: vec![], lobes: vec![] };
+        Self::pack(scene, false)
+    }
+
+    /// Packs the materials of a scene's objects with their MIP levels.
+    pub(crate) fn with_levels(scene: &Scene) -> Self {
+        Self::pack(scene, true)
+    }
+
+    fn pack(scene: &Scene, with_levels: bool) -> Self {
+        let mut packed =
+            Self { materials: vec![], texels: vec![], lobes: vec![], microfacets: HashMap::new() };
         for object in &scene.objects {
             let first = packed.texels.len() as u32;
             let (width, height) = match &object.material.reflectance {
-                Reflectance::Uniform(brdf) => {
-                    packed.push(brdf);
-                    (1, 1)
-                }
-                Reflectance::Map(map) => {
-                    (0..map.width * map.height).for_each(|index| packed.push(&map.texel(index)));
-                    (map.width as u32, map.height as u32)
-                }
+                Reflectance::Uniform(_) => (1, 1),
+                Reflectance::Map(map) => (map.width as u32, map.height as u32),
             };
+            let levels = if with_levels { object.material.levels.len() as u32 } else { 0 };
+            let texels = if with_levels { usize::MAX } else { (width * height) as usize };
+            object.material.brdfs().take(texels).for_each(|brdf| packed.push(&brdf));
             packed.materials.push(PackedMaterial {
                 first,
                 width,
                 height,
                 bilinear: u32::from(object.material.filter == Filter::Bilinear && (width, height) != (1, 1)),
                 tiling: object.material.tiling.to_array(),
-                padding: [0; 2],
+                levels,
+                padding: 0,
                 emission: [0.0; 3],
                 emits: 0,
             });
@@ -100,7 +115,8 @@ impl Materials {
                     height: 1,
                     bilinear: 0,
                     tiling: [1.0; 2],
-                    padding: [0; 2],
+                    levels: 0,
+                    padding: 0,
                     emission: radiance.to_array(),
                     emits: 1,
                 });
@@ -111,6 +127,9 @@ impl Materials {
 
     /// Appends one texel.
     fn push(&mut self, brdf: &LobeBrdf) {
+        if !brdf.microfacets.is_empty() {
+            self.microfacets.insert(self.texels.len() as u32, brdf.microfacets.clone());
+        }
         let first = self.lobes.len() as u32;
         self.lobes
             .extend(brdf.lobes.iter().filter(|lobe| lobe.rho_s != Rgb::ZERO).map(|l| pack(l, brdf.beta)));
@@ -122,50 +141,29 @@ impl Materials {
         });
     }
 
-    /// The texel that texture coordinates lie in.
-    pub(crate) fn nearest(&self, object: u32, uv: Vec2) -> u32 {
-        let material = &self.materials[object as usize];
-        let (x, y) = texel_coordinates(material, uv);
-        self.index(material, x.floor() as i64, y.floor() as i64)
-    }
-
     /// The texels around texture coordinates with their weights; four entries, or one of weight 1 and three of 0.
+    #[cfg(test)]
     pub(crate) fn neighbours(&self, object: u32, uv: Vec2) -> [(u32, f32); 4] {
         let material = &self.materials[object as usize];
-        if material.bilinear == 0 {
-            let texel = self.nearest(object, uv);
-            return [(texel, 1.0), (texel, 0.0), (texel, 0.0), (texel, 0.0)];
-        }
         let (x, y) = texel_coordinates(material, uv);
-        let (left, top) = ((x - 0.5).floor(), (y - 0.5).floor());
-        let (fx, fy) = (x - 0.5 - left, y - 0.5 - top);
-        let at = |dx: i64, dy: i64| self.index(material, left as i64 + dx, top as i64 + dy);
-        [
-            (at(0, 0), (1.0 - fx) * (1.0 - fy)),
-            (at(1, 0), fx * (1.0 - fy)),
-            (at(0, 1), (1.0 - fx) * fy),
-            (at(1, 1), fx * fy),
-        ]
+        material.around(0, x, y)
+    }
+
+    /// The texel of an object that has no other.
+    pub(crate) fn only(&self, object: u32) -> Option<u32> {
+        let material = &self.materials[object as usize];
+        (material.width * material.height == 1).then_some(material.first)
     }
 
     /// One of the neighbours, chosen with its weight as probability by two numbers in 0..1: the mean of evaluated
     /// reflectance over such choices is the blend of the four.
     pub(crate) fn choose(&self, object: u32, uv: Vec2, [r, s]: [f32; 2]) -> u32 {
         let material = &self.materials[object as usize];
-        if material.width * material.height == 1 {
-            return material.first;
-        }
         let (mut x, mut y) = texel_coordinates(material, uv);
         if material.bilinear != 0 {
             (x, y) = (x + r - 0.5, y + s - 0.5);
         }
-        self.index(material, x.floor() as i64, y.floor() as i64)
-    }
-
-    /// Texel index of a row and column that wrap around.
-    fn index(&self, material: &PackedMaterial, x: i64, y: i64) -> u32 {
-        let (width, height) = (i64::from(material.width), i64::from(material.height));
-        material.first + (y.rem_euclid(height) * width + x.rem_euclid(width)) as u32
+        material.index(0, x.floor() as i64, y.floor() as i64)
     }
 
     /// Radiance of a rectangular light's front; `None` for a scene object.
@@ -179,10 +177,43 @@ impl Materials {
         size_of_val(&self.materials[..]) + size_of_val(&self.texels[..]) + size_of_val(&self.lobes[..])
     }
 
+    /// Diffuse reflectance of a texel, sr⁻¹.
+    pub(crate) fn rho_d(&self, texel: u32) -> Rgb {
+        Rgb::from_array(self.texels[texel as usize].rho_d)
+    }
+
     /// The lobes of a texel.
     pub(crate) fn lobes_of(&self, texel: u32) -> &[PackedLobe] {
         let texel = &self.texels[texel as usize];
         &self.lobes[texel.first as usize..(texel.first + texel.count) as usize]
+    }
+}
+
+impl PackedMaterial {
+    /// The texels around a place in a level, in texels of that level, with their weights; four entries, or one of weight 1 and
+    /// three of 0.
+    pub(crate) fn around(&self, level: u32, x: f32, y: f32) -> [(u32, f32); 4] {
+        if self.bilinear == 0 {
+            let texel = self.index(level, x.floor() as i64, y.floor() as i64);
+            return [(texel, 1.0), (texel, 0.0), (texel, 0.0), (texel, 0.0)];
+        }
+        let (left, top) = ((x - 0.5).floor(), (y - 0.5).floor());
+        let (fx, fy) = (x - 0.5 - left, y - 0.5 - top);
+        let at = |dx: i64, dy: i64| self.index(level, left as i64 + dx, top as i64 + dy);
+        [
+            (at(0, 0), (1.0 - fx) * (1.0 - fy)),
+            (at(1, 0), fx * (1.0 - fy)),
+            (at(0, 1), (1.0 - fx) * fy),
+            (at(1, 1), fx * fy),
+        ]
+    }
+
+    /// Texel index of a column and a row of a level, which wrap around.
+    fn index(&self, level: u32, x: i64, y: i64) -> u32 {
+        let size = |level| mip::size([self.width as usize, self.height as usize], level);
+        let before: usize = (0..level).map(|level| size(level).iter().product::<usize>()).sum();
+        let [width, height] = size(level).map(|edge| edge as i64);
+        self.first + before as u32 + (y.rem_euclid(height) * width + x.rem_euclid(width)) as u32
     }
 }
 
@@ -225,12 +256,23 @@ pub(crate) struct Aimed {
     density: f32,
 }
 
+/// A microfacet term for a fixed exitant direction.
+pub(crate) struct AimedMicrofacet {
+    pub(crate) coat: Microfacet,
+    /// Probability of this term in the mixture.
+    pub(crate) share: f32,
+}
+
 /// A texel's BRDF for a fixed exitant direction, ready for many incident ones.
 pub(crate) struct Shader {
     /// Diffuse reflectance, sr⁻¹.
     pub(crate) rho_d: Rgb,
     /// The lobes that reach the viewer.
     pub(crate) lobes: Vec<Aimed>,
+    /// The microfacet terms.
+    pub(crate) microfacets: Vec<AimedMicrofacet>,
+    /// The exitant direction.
+    pub(crate) wo: Vec3,
     /// Probability of the cosine-weighted sampling of the diffuse term.
     pub(crate) diffuse_share: f32,
 }
@@ -238,15 +280,28 @@ pub(crate) struct Shader {
 impl Shader {
     /// An empty one, to be aimed.
     pub(crate) fn new() -> Self {
-        Self { rho_d: Rgb::ZERO, lobes: Vec::new(), diffuse_share: 1.0 }
+        Self { rho_d: Rgb::ZERO, lobes: Vec::new(), microfacets: Vec::new(), wo: Vec3::Z, diffuse_share: 1.0 }
     }
 
     /// Takes a texel and an exitant direction (in the sample's frame, above the surface); with `sampling`, prepares
     /// [`Self::density`].
     pub(crate) fn aim(&mut self, materials: &Materials, texel: u32, wo: Vec3, sampling: bool) {
-        self.rho_d = Rgb::from_array(materials.texels[texel as usize].rho_d);
+        self.aim_lobes(materials.rho_d(texel), materials.lobes_of(texel), wo);
+        if let Some(coats) = materials.microfacets.get(&texel) {
+            self.microfacets.extend(coats.iter().map(|&coat| AimedMicrofacet { coat, share: 0.0 }));
+        }
+        if sampling {
+            self.share();
+        }
+    }
+
+    /// Takes a diffuse term and lobes and an exitant direction, to be evaluated.
+    pub(crate) fn aim_lobes(&mut self, rho_d: Rgb, lobes: &[PackedLobe], wo: Vec3) {
+        self.rho_d = rho_d;
+        self.wo = wo;
+        self.microfacets.clear();
         self.lobes.clear();
-        for lobe in materials.lobes_of(texel) {
+        for lobe in lobes {
             let [xx, xy, yy, zz] = lobe.c;
             let peak = Vec3::new(xx * wo.x + xy * wo.y, xy * wo.x + yy * wo.y, zz * wo.z);
             let least = if lobe.n > 0.0 { math::exp2(NEGLIGIBLE_LOG2 / lobe.n) } else { 0.0 };
@@ -255,9 +310,6 @@ impl Shader {
                 let rho_s = Rgb::from_array(lobe.rho_s);
                 self.lobes.push(Aimed { peak, n: lobe.n, rho_s, least, share: 0.0, density: 0.0 });
             }
-        }
-        if sampling {
-            self.share();
         }
     }
 
@@ -279,6 +331,11 @@ impl Shader {
             lobe.density = 1.0 / (solid_angle * height);
             total += lobe.share;
         }
+        let grazing = (1.0 - self.wo.z).powi(5);
+        for AimedMicrofacet { coat, share } in &mut self.microfacets {
+            *share = colour::luminance(coat.f0 + (coat.f90 - coat.f0) * grazing);
+            total += *share;
+        }
         // A tenth of the samples at least go over the whole hemisphere, so that no direction is left out.
         let scale = if total > 0.0 { 0.9 / total } else { 0.0 };
         self.diffuse_share = 1.0;
@@ -286,6 +343,10 @@ impl Shader {
             lobe.share *= scale;
             lobe.density = if lobe.share > 0.0 { lobe.share * lobe.density } else { 0.0 };
             self.diffuse_share -= lobe.share;
+        }
+        for coat in &mut self.microfacets {
+            coat.share *= scale;
+            self.diffuse_share -= coat.share;
         }
     }
 
@@ -304,6 +365,12 @@ impl Shader {
                 let power = math::powf(base, lobe.n);
                 reflectance += lobe.rho_s * power;
                 density += lobe.density * power;
+            }
+        }
+        if wi.z > 0.0 {
+            for AimedMicrofacet { coat, share } in &self.microfacets {
+                reflectance += coat.eval(wi, self.wo);
+                density += share * coat.density(wi, self.wo);
             }
         }
         (reflectance, density)
@@ -345,6 +412,7 @@ mod tests {
         let mut shader = Shader::new();
         for name in materials::NAMES {
             let mut brdf = materials::published(name).unwrap();
+            brdf.microfacets = vec![Microfacet { f0: Rgb::splat(0.04), f90: Rgb::ONE, alpha: 0.3 }];
             brdf.lobes.iter_mut().for_each(|lobe| lobe.c.x *= 0.9);
             let brdf = brdf.rotated(0.4);
             scene.objects[0].material = Material::uniform(brdf.clone());
@@ -373,7 +441,7 @@ mod tests {
         let packed = Materials::new(&scene);
         // The centre of texel (1, 0) in the second repeat.
         let centre = Vec2::new(0.5 + 0.25, 0.25);
-        assert_eq!(packed.nearest(0, centre), 1);
+        assert_eq!(packed.choose(0, centre, [0.5; 2]), 1);
         let uv = Vec2::new(0.93, 0.95);
         let weights = packed.neighbours(0, uv);
         assert!((weights.iter().map(|w| w.1).sum::<f32>() - 1.0).abs() < 1e-6);

@@ -4,9 +4,11 @@
 //! | method | light | where |
 //! |---|---|---|
 //! | `reference` | all lights, environment, shadows, interreflection | CPU |
-//! | `environment` | environment by prefiltered maps (6.13)–(6.18), lights as in `lights`; no shadows | CPU |
-//! | `lights` | point, directional, rectangular as points (6.9); no shadows | GPU |
+//! | `environment` | environment by prefiltered maps (6.13)–(6.18), lights as in `lights`, with their shadows on the GPU | CPU or GPU |
+//! | `lights` | point, directional, rectangular as points (6.9), with shadows | GPU |
 
+mod bvh;
+pub mod choose;
 pub mod compare;
 pub mod environment;
 mod flip;
@@ -19,6 +21,7 @@ mod math;
 pub mod reference;
 mod sampler;
 mod shading;
+pub mod storage;
 
 use glam::Vec3;
 
@@ -109,14 +112,36 @@ impl Cost {
 /// The methods by their names on the command line.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
 pub enum Method {
-    /// `lights` when there is a GPU and no environment to light the scene, else `reference`.
+    /// The cheapest that meets --max-error; without it `lights` when there is a GPU and no environment, else `reference`.
     Auto,
     /// Path tracer on the CPU.
     Reference,
     /// Raster on the GPU.
     Lights,
-    /// Prefiltered environment maps on the CPU.
+    /// Prefiltered environment maps, on the CPU or the GPU.
     Environment,
+}
+
+impl Method {
+    /// Its name.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Auto => "auto",
+            Self::Reference => "reference",
+            Self::Lights => "lights",
+            Self::Environment => "environment",
+        }
+    }
+}
+
+/// Refuses a scene with microfacet terms for a method that draws lobes alone.
+fn lobes_only(scene: &Scene, method: &str) -> Result<()> {
+    match scene.objects.iter().position(|object| object.material.has_microfacets()) {
+        Some(object) => Err(crate::error::Error::input(format!(
+            "object {object}: its material has a microfacet term, which `{method}` does not draw; use --method reference"
+        ))),
+        None => Ok(()),
+    }
 }
 
 /// A scene made ready, the method that did, and why another was passed over.
@@ -129,27 +154,63 @@ pub struct Chosen<'a> {
     pub note: Option<String>,
 }
 
+/// The settings of every method.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Settings {
+    /// The path tracer's.
+    pub reference: reference::Settings,
+    /// Those of the raster.
+    pub lights: lights::Settings,
+    /// Those of prefiltered environments.
+    pub environment: environment::Settings,
+}
+
 /// Makes a scene ready by the method named; `auto` falls back to the CPU and says why.
 ///
 /// # Errors
 /// Those of the method; `lights` without a GPU is a failure, `auto` is not.
-pub fn prepare<'a>(scene: &'a Scene, method: Method, settings: &reference::Settings) -> Result<Chosen<'a>> {
-    let reference = |note| Ok(Chosen { prepared: settings.prepare(scene)?, method: Method::Reference, note });
-    let lights = || lights::Settings::default().prepare(scene);
+pub fn prepare<'a>(scene: &'a Scene, method: Method, settings: &Settings) -> Result<Chosen<'a>> {
+    let reference =
+        |note| Ok(Chosen { prepared: settings.reference.prepare(scene)?, method: Method::Reference, note });
+    let lights = || settings.lights.prepare(scene);
     match method {
         Method::Reference => reference(None),
         Method::Environment => {
-            let settings = environment::Settings { seed: settings.seed, ..Default::default() };
-            Ok(Chosen { prepared: settings.prepare(scene)?, method, note: None })
+            Ok(Chosen { prepared: settings.environment.prepare(scene)?, method, note: None })
         }
         Method::Lights => Ok(Chosen { prepared: lights()?, method, note: None }),
         Method::Auto if scene.environment.is_some() => {
             reference(Some("the scene has an environment, which `lights` does not render".into()))
+        }
+        Method::Auto if lobes_only(scene, "lights").is_err() => {
+            reference(Some("the scene has a microfacet term, which `lights` does not render".into()))
         }
         Method::Auto => match lights() {
             Ok(prepared) => Ok(Chosen { prepared, method: Method::Lights, note: None }),
             Err(error) if error.kind() == Kind::Input => Err(error),
             Err(error) => reference(Some(error.to_string())),
         },
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::reflectance::{LobeBrdf, Microfacet, Rgb};
+    use crate::scene::{Material, showcase};
+
+    #[test]
+    fn a_microfacet_term_is_refused_by_lobe_renderers_and_auto_takes_the_reference() {
+        let mut scene = showcase::published(8, 8);
+        scene.environment = None;
+        let coat = Microfacet { f0: Rgb::splat(0.04), f90: Rgb::ONE, alpha: 0.1 };
+        let brdf = LobeBrdf { microfacets: vec![coat], ..LobeBrdf::diffuse(Rgb::splat(0.2)) };
+        scene.objects[0].material = Material::uniform(brdf);
+        let settings = Settings::default();
+        for method in [Method::Lights, Method::Environment] {
+            let error = prepare(&scene, method, &settings).map(|_| ()).unwrap_err();
+            assert!(error.to_string().contains("microfacet") && error.exit_code() == 2, "{error}");
+        }
+        assert_eq!(prepare(&scene, Method::Auto, &settings).unwrap().method, Method::Reference);
     }
 }

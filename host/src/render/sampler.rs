@@ -5,13 +5,17 @@
 /// stratified.
 pub(crate) fn point(pixel: u32, index: u32, purpose: u32) -> [f32; 2] {
     let seed = hash(pixel ^ hash(purpose));
-    let shuffled = scramble(index, seed);
-    let first = scramble(shuffled.reverse_bits(), hash(seed ^ 0x9e37_79b9));
+    let shuffled = scramble(index.reverse_bits(), seed).reverse_bits();
+    // The first dimension, an index read backwards, and the second, both backwards once more.
+    let first = scramble(shuffled, hash(seed ^ 0x9e37_79b9));
     let second = scramble(sobol_second(shuffled), hash(seed ^ 0x85eb_ca6b));
-    [unit(first), unit(second)]
+    // Both are turned round at once.
+    let both = (u64::from(second) << 32 | u64::from(first)).reverse_bits();
+    [unit((both >> 32) as u32), unit(both as u32)]
 }
 
-/// Sobol's second dimension: Pascal's triangle modulo 2, which is a power of a 2 × 2 block, applied to the bits.
+/// Sobol's second dimension: Pascal's triangle modulo 2, which is a power of a 2 × 2 block, applied to the bits,
+/// with the lowest bit as the most significant.
 fn sobol_second(index: u32) -> u32 {
     let mut x = index;
     for (shift, mask) in
@@ -19,7 +23,7 @@ fn sobol_second(index: u32) -> u32 {
     {
         x ^= (x >> shift) & mask;
     }
-    x.reverse_bits()
+    x
 }
 
 /// A well-mixed function of a 32-bit number (the "lowbias32" permutation).
@@ -31,15 +35,14 @@ pub(crate) fn hash(mut x: u32) -> u32 {
     x ^ (x >> 16)
 }
 
-/// Owen scrambling by hashing: every bit is flipped as the higher bits say.
-fn scramble(x: u32, seed: u32) -> u32 {
-    let mut x = x.reverse_bits();
+/// Owen scrambling by hashing of a number whose lowest bit is the most significant: every bit is flipped as those below say.
+fn scramble(mut x: u32, seed: u32) -> u32 {
     x = x.wrapping_add(seed);
     x ^= x.wrapping_mul(0x6c50_b47c);
     x ^= x.wrapping_mul(0xb82f_1e52);
     x ^= x.wrapping_mul(0xc7af_e638);
     x ^= x.wrapping_mul(0x8d22_f6e6);
-    x.reverse_bits()
+    x
 }
 
 /// The top 24 bits as a number in 0..1.
@@ -74,7 +77,7 @@ mod tests {
                 bits >>= 1;
                 direction ^= direction >> 1;
             }
-            assert_eq!(sobol_second(index), value, "{index}");
+            assert_eq!(sobol_second(index).reverse_bits(), value, "{index}");
         }
     }
 }

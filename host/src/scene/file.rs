@@ -18,8 +18,9 @@
 //! mesh = "drape"                        # sphere, plane, backdrop, drape, or a .gltf, .glb, .obj or .ply file
 //! [object.material]
 //! map = "weave.exr"                     # or published = "clay", or weave or check = ["clay", "felt"],
-//!                                       # or albedo, rho_d, beta_deg and lobes
+//!                                       # or albedo, rho_d, beta_deg and lobes; weave.mip1.exr and so on are its MIP levels
 //! tiling = [4.0, 4.0]
+//! mask = "leaf.png"                     # cut out where alpha, or brightness, is below 0.5; a map may have a channel alpha instead
 //!
 //! [[light]]
 //! kind = "directional"                  # or "point": position, intensity; or "rectangle": centre, edges, radiance
@@ -41,10 +42,11 @@ use glam::{Affine3A, EulerRot, Quat, Vec2, Vec3};
 use serde::Deserialize;
 
 use super::{
-    Animation, Background, Camera, Environment, Filter, Light, Material, Mesh, Object, Reflectance, Scene,
-    shapes, shipped, showcase,
+    Animation, Background, Camera, Environment, Filter, Light, Mask, Material, Mesh, Object, Reflectance,
+    Scene, shapes, shipped, showcase,
 };
 use crate::error::{Error, Result};
+use crate::fit::mip;
 use crate::reflectance::{Lobe, LobeBrdf, Rgb, SbrdfMap, colour, materials};
 use crate::toml_file;
 
@@ -135,6 +137,7 @@ struct MaterialFile {
     lobes: Vec<LobeFile>,
     tiling: Option<Vec2>,
     filter: Option<Filter>,
+    mask: Option<String>,
 }
 
 #[derive(Deserialize)]
@@ -282,10 +285,16 @@ fn material(entry: &MaterialFile, folder: &Path) -> Result<Material> {
             "name exactly one of map, published, weave, check, or coefficients (albedo or rho_d, beta_deg, lobes)",
         ));
     }
+    let mut levels = vec![];
     let reflectance = if let Some(file) = &entry.map {
         let path = folder.join(file);
-        let map = SbrdfMap::read_exr(&path).map_err(|error| Error::reading(&path, error).at("key map"))?;
-        Reflectance::Map(Arc::new(map))
+        let read = |path: &Path| {
+            SbrdfMap::read_exr(path).map(Arc::new).map_err(|error| Error::reading(path, error).at("key map"))
+        };
+        let map = read(&path)?;
+        let files = (1..=mip::last([map.width, map.height])).map(|level| mip::path(&path, level));
+        levels = files.take_while(|file| file.exists()).map(|file| read(&file)).collect::<Result<_>>()?;
+        Reflectance::Map(map)
     } else if let Some(name) = &entry.published {
         Reflectance::Uniform(published(name)?)
     } else if let Some([warp, weft]) = &entry.weave {
@@ -306,11 +315,14 @@ fn material(entry: &MaterialFile, folder: &Path) -> Result<Material> {
         }
         map => map,
     };
-    Ok(Material {
-        reflectance,
-        tiling: entry.tiling.unwrap_or(Vec2::ONE),
-        filter: entry.filter.unwrap_or_default(),
-    })
+    let tiling = entry.tiling.unwrap_or(Vec2::ONE);
+    let mut material = Material::new(reflectance, tiling, entry.filter.unwrap_or_default());
+    material.levels = levels;
+    if let Some(file) = &entry.mask {
+        let mask = Mask::read(&folder.join(file)).map_err(|error| error.at("key mask"))?;
+        material.mask = Some(Arc::new(mask));
+    }
+    Ok(material)
 }
 
 /// A published material by name.
@@ -429,6 +441,10 @@ mod tests {
             ("[[object]]\nmesh = \"a.obj\"\nmaterial.albedo = [1, 1, 1]\n", vec!["key mesh", "a.obj"]),
             ("[[object]]\nmesh = \"plane\"\n", vec!["plane 0", "key material", "exactly one"]),
             ("[[object]]\nmesh = \"plane\"\nmaterial.map = \"no.exr\"\n", vec!["key map", "no.exr"]),
+            (
+                "[[object]]\nmesh = \"plane\"\nmaterial = { published = \"clay\", mask = \"no.png\" }\n",
+                vec!["plane 0", "key mask", "no.png"],
+            ),
             ("[[object]]\nmesh = \"plane\"\nmaterial.published = \"silk\"\n", vec!["silk", "brushed-metal"]),
             ("[[light]]\nkind = \"spot\"\n", vec!["light 0", "spot", "directional"]),
             ("[[light]]\nkind = \"point\"\ntoward = [0, 1, 0]\n", vec!["light 0", "position and intensity"]),
@@ -450,6 +466,30 @@ mod tests {
                 assert!(message.contains(word), "\"{word}\" is not in: {message}");
             }
         }
+    }
+
+    #[test]
+    fn a_map_brings_its_mip_levels_and_its_alpha_and_levels_of_other_sizes_are_refused() {
+        let folder = tempfile::tempdir().unwrap();
+        let write = |name: &str, width: usize, height: usize, alpha: bool| {
+            let mut map = SbrdfMap::new(width, height, 1);
+            if alpha {
+                map.extra.insert("alpha".into(), (0..width * height).map(|k| k as f32).collect());
+            }
+            map.write_exr(&folder.path().join(name)).unwrap();
+        };
+        let path = folder.path().join("scene.toml");
+        std::fs::write(&path, format!("{CAMERA}[[object]]\nmesh = \"plane\"\nmaterial.map = \"m.exr\"\n"))
+            .unwrap();
+        write("m.exr", 5, 3, true);
+        write("m.mip1.exr", 3, 2, false);
+        write("m.mip2.exr", 2, 1, false);
+        let material = &Scene::read(&path).unwrap().objects[0].material;
+        assert_eq!(material.levels.len(), 2);
+        assert_eq!(material.mask.as_ref().unwrap().bits, [(1 << 15) - 2]);
+        write("m.mip2.exr", 1, 1, false);
+        let message = Scene::read(&path).unwrap_err().to_string();
+        assert!(message.contains("MIP level 2") && message.contains("2 × 1"), "{message}");
     }
 
     #[test]

@@ -8,6 +8,7 @@ mod environment_file;
 pub mod file;
 mod frame;
 mod import;
+pub mod mask;
 pub mod mesh;
 pub mod shapes;
 pub mod shipped;
@@ -20,9 +21,11 @@ use glam::{Affine3A, Vec2, Vec3};
 
 pub use animation::Animation;
 pub use environment::Environment;
+pub use mask::Mask;
 pub use mesh::{Mesh, Vertex};
 
 use crate::error::{Error, Result};
+use crate::fit::mip;
 use crate::reflectance::{LobeBrdf, Rgb, SbrdfMap};
 
 /// Everything that a renderer needs to make a picture.
@@ -66,6 +69,11 @@ pub struct Material {
     pub tiling: Vec2,
     /// How texels are combined.
     pub filter: Filter,
+    /// MIP levels of a map from the first on, each fitted to the reflectance averaged over its texels, sized as
+    /// [`crate::fit::mip::size`] says; empty where there are none.
+    pub levels: Vec<Arc<SbrdfMap>>,
+    /// Where the material is cut out; it has the texture coordinates and the tiling of the map.
+    pub mask: Option<Arc<Mask>>,
 }
 
 /// Where a material's reflectance comes from.
@@ -207,16 +215,68 @@ impl Light {
 impl Material {
     /// The same BRDF everywhere.
     pub fn uniform(brdf: LobeBrdf) -> Self {
-        Self { reflectance: Reflectance::Uniform(brdf), tiling: Vec2::ONE, filter: Filter::Nearest }
+        Self::new(Reflectance::Uniform(brdf), Vec2::ONE, Filter::Nearest)
     }
 
     /// A map, repeated `tiling` times along u and v, bilinear.
     pub fn map(map: Arc<SbrdfMap>, tiling: Vec2) -> Self {
-        Self { reflectance: Reflectance::Map(map), tiling, filter: Filter::Bilinear }
+        Self::new(Reflectance::Map(map), tiling, Filter::Bilinear)
+    }
+
+    /// A material without MIP levels, cut out where its map's channel `alpha` is below 0.5.
+    pub fn new(reflectance: Reflectance, tiling: Vec2, filter: Filter) -> Self {
+        let mask = match &reflectance {
+            Reflectance::Uniform(_) => None,
+            Reflectance::Map(map) => Mask::of_map(map).map(Arc::new),
+        };
+        Self { reflectance, tiling, filter, levels: vec![], mask }
+    }
+
+    /// The BRDFs of all texels, those of the MIP levels after those of the map.
+    pub fn brdfs(&self) -> impl Iterator<Item = LobeBrdf> {
+        let (one, map) = match &self.reflectance {
+            Reflectance::Uniform(brdf) => (Some(brdf.clone()), None),
+            Reflectance::Map(map) => (None, Some(map)),
+        };
+        let maps = map.into_iter().chain(&self.levels);
+        one.into_iter().chain(maps.flat_map(|map| (0..map.width * map.height).map(|k| map.texel(k))))
+    }
+
+    /// Refuses coefficients that no renderer can evaluate, and levels of other sizes.
+    fn check(&self) -> Result<()> {
+        Self::check_map(&self.reflectance)?;
+        for (level, map) in (1..).zip(&self.levels) {
+            let place = || format!("MIP level {level}");
+            let Reflectance::Map(finest) = &self.reflectance else {
+                return Err(Error::input("only a map has levels").at(place()));
+            };
+            let wanted = mip::size([finest.width, finest.height], level);
+            if [map.width, map.height] != wanted {
+                let ([width, height], map) = (wanted, [map.width, map.height]);
+                return Err(Error::input(format!(
+                    "it has {} × {} texels; the map's {} × {} make it {width} × {height}",
+                    map[0], map[1], finest.width, finest.height
+                ))
+                .at(place()));
+            }
+            Self::check_map(&Reflectance::Map(map.clone())).map_err(|error| error.at(place()))?;
+        }
+        match &self.mask {
+            Some(mask) if mask.width * mask.height == 0 => Err(Error::input("the mask has no texels")),
+            _ => Ok(()),
+        }
+    }
+
+    /// Whether there is a microfacet term, which only the reference renders.
+    pub fn has_microfacets(&self) -> bool {
+        match &self.reflectance {
+            Reflectance::Uniform(brdf) => !brdf.microfacets.is_empty(),
+            Reflectance::Map(map) => !map.microfacets.is_empty(),
+        }
     }
 
     /// Refuses coefficients that no renderer can evaluate.
-    fn check(&self) -> Result<()> {
+    fn check_map(reflectance: &Reflectance) -> Result<()> {
         let number = |texel: usize, what: &str| Error::input(format!("material, texel {texel}: {what}"));
         let check_lobe = |texel: usize, rho_s: Rgb, c: Vec3, n: f32| {
             if !rho_s.is_finite() || !c.is_finite() || !n.is_finite() {
@@ -227,11 +287,18 @@ impl Material {
             }
             Ok(())
         };
-        match &self.reflectance {
+        let check_microfacet = |texel: usize, f0: Rgb, f90: Rgb, alpha: f32| {
+            if f0.is_finite() && f90.is_finite() && alpha.is_finite() && alpha > 0.0 {
+                return Ok(());
+            }
+            Err(number(texel, "a microfacet coefficient is not finite, or alpha is not above 0"))
+        };
+        match reflectance {
             Reflectance::Uniform(brdf) => {
                 if !brdf.rho_d.is_finite() || !brdf.beta.is_finite() {
                     return Err(number(0, "a coefficient is not finite"));
                 }
+                brdf.microfacets.iter().try_for_each(|m| check_microfacet(0, m.f0, m.f90, m.alpha))?;
                 brdf.lobes.iter().try_for_each(|lobe| check_lobe(0, lobe.rho_s, lobe.c, lobe.n))
             }
             Reflectance::Map(map) => {
@@ -244,6 +311,9 @@ impl Material {
                     }
                     for plane in &map.lobes {
                         check_lobe(texel, plane.rho_s[texel], plane.c[texel], plane.n[texel])?;
+                    }
+                    for plane in &map.microfacets {
+                        check_microfacet(texel, plane.f0[texel], plane.f90[texel], plane.alpha[texel])?;
                     }
                 }
                 Ok(())

@@ -1,7 +1,7 @@
 //! Small scenes that come with the program: shapes, environments and materials are computed.
 
 /// Name, what it shows, and the scene file.
-pub const SCENES: [(&str, &str, &str); 5] = [
+pub const SCENES: [(&str, &str, &str); 6] = [
     (
         "studio-ball",
         "a ball of blue paint in a studio",
@@ -26,6 +26,11 @@ pub const SCENES: [(&str, &str, &str); 5] = [
         "metal-row",
         "balls of lobes with n from 1 to 1000 in a studio",
         include_str!("../../../examples/scenes/metal-row.toml"),
+    ),
+    (
+        "gallery",
+        "cloths, balls and panels of twelve materials, 285,000 triangles",
+        include_str!("../../../examples/scenes/gallery.toml"),
     ),
 ];
 

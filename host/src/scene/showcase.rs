@@ -75,7 +75,12 @@ pub fn weave(warp: &LobeBrdf, weft: &LobeBrdf, thread: usize) -> SbrdfMap {
 /// The same BRDF with its reflectance scaled.
 fn dimmed(brdf: &LobeBrdf, factor: f32) -> LobeBrdf {
     let scale = |lobe: &Lobe| Lobe { rho_s: lobe.rho_s * factor, ..*lobe };
-    LobeBrdf { rho_d: brdf.rho_d * factor, beta: brdf.beta, lobes: brdf.lobes.iter().map(scale).collect() }
+    LobeBrdf {
+        rho_d: brdf.rho_d * factor,
+        beta: brdf.beta,
+        lobes: brdf.lobes.iter().map(scale).collect(),
+        ..LobeBrdf::default()
+    }
 }
 
 /// A check of two BRDFs, `cells` × `cells` over the map.

@@ -1,5 +1,6 @@
 //! `cargo xtask peers`: Lobelia beside independent implementations, which are no part of the default test.
 
+mod environment;
 mod fit;
 mod python;
 mod render;
@@ -11,7 +12,8 @@ pub(crate) fn task(mut arguments: impl Iterator<Item = String>) -> Result<()> {
     match arguments.next().as_deref() {
         Some("fit") => fit::task(),
         Some("render") => render::task(),
-        None => fit::task().and_then(|()| render::task()),
-        Some(other) => bail!("there is no peer `{other}`; use fit or render"),
+        Some("environment") => environment::task(),
+        None => fit::task().and_then(|()| render::task()).and_then(|()| environment::task()),
+        Some(other) => bail!("there is no peer `{other}`; use fit, render or environment"),
     }
 }

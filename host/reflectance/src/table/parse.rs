@@ -12,7 +12,7 @@ const MOST_WAVELENGTHS: usize = 10_000;
 const MOST_NEGATIVE: f64 = -0.01;
 
 /// Slack for angles printed with few digits, radians.
-const ANGLE_SLACK: f64 = 1e-4;
+pub(super) const ANGLE_SLACK: f64 = 1e-4;
 
 /// A number of the file with the line that it stands on.
 struct Token<'a> {
@@ -32,7 +32,7 @@ impl Token<'_> {
     }
 }
 
-fn invalid(line: usize, message: impl std::fmt::Display) -> FormatError {
+pub(super) fn invalid(line: usize, message: impl std::fmt::Display) -> FormatError {
     FormatError::Invalid(format!("line {line}: {message}"))
 }
 

@@ -35,6 +35,16 @@ impl Poses {
             weight: list(&|pose| pose.weight, 0.0),
         }
     }
+
+    /// Number of places in the arrays.
+    pub fn len(&self) -> usize {
+        self.weight.len()
+    }
+
+    /// Whether there are no places.
+    pub fn is_empty(&self) -> bool {
+        self.weight.is_empty()
+    }
 }
 
 /// Products of direction components a sample; the base of every lobe is linear in them.

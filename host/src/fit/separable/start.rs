@@ -110,7 +110,7 @@ pub struct Found {
 
 impl Found {
     /// Optimises a model to convergence.
-    fn of(solver: &mut Solver, task: Task, model: Model) -> Self {
+    pub fn of(solver: &mut Solver, task: Task, model: Model) -> Self {
         Self::better_of(solver, task, model, None)
     }
 

@@ -43,7 +43,7 @@ fn the_gradient_agrees_with_finite_differences_of_the_projected_cost() {
         let c =
             |x, y, z| if family == Family::Anisotropic { DVec3::new(x, y, z) } else { DVec3::new(x, x, z) };
         let lobes = vec![ModelLobe::unit(c(-1.0, -0.7, 0.8), 30.0), ModelLobe::unit(c(0.8, 0.9, 0.6), 4.0)];
-        let mut model = Model { diffuse: 0.0, beta: 0.3, lobes };
+        let mut model = Model { diffuse: 0.0, beta: 0.3, lobes, ..Model::default() };
         solver.data.most = [f64::INFINITY; 3];
         solver.refer(&mut model);
         let at = solver.evaluate(family, true, &model);
@@ -113,6 +113,7 @@ fn an_anisotropic_material_without_noise_comes_back_with_its_direction_and_colou
             rho_d: Rgb::new(0.05, 0.1, 0.02),
             beta,
             lobes: vec![lobe(Rgb::new(0.7, 0.5, 0.1), glam::Vec3::new(-0.95, -0.6, 0.9), 20.0)],
+            ..LobeBrdf::default()
         };
         let samples = testing::samples(&directions(200, seed), |wi, wo| truth.eval(wi, wo));
         let mut solver = solver(&samples, &[0, 1, 2], Residual::Linear);
@@ -130,7 +131,8 @@ fn an_anisotropic_material_without_noise_comes_back_with_its_direction_and_colou
 #[test]
 fn a_lobe_that_only_one_channel_has_is_zero_in_the_others() {
     let lobe = Lobe { rho_s: Rgb::new(0.8, 0.0, 0.0), c: glam::Vec3::new(-1.0, -1.0, 1.0), n: 15.0 };
-    let truth = LobeBrdf { rho_d: Rgb::new(0.1, 0.2, 0.0), beta: 0.0, lobes: vec![lobe] };
+    let truth =
+        LobeBrdf { rho_d: Rgb::new(0.1, 0.2, 0.0), beta: 0.0, lobes: vec![lobe], ..LobeBrdf::default() };
     let samples = testing::samples(&directions(120, 3), |wi, wo| truth.eval(wi, wo));
     let mut solver = solver(&samples, &[0, 1, 2], Residual::Linear);
     let bank = bank(&solver);
@@ -147,8 +149,12 @@ fn amplitudes_stay_below_their_cap_and_the_rest_is_solved_around_them() {
     let truth = material(1, &mut Random::new(2));
     let samples = testing::samples(&directions(80, 3), |wi, wo| truth.eval(wi, wo));
     let mut solver = solver(&samples, &[0, 1, 2], Residual::Linear);
-    let model =
-        Model { diffuse: 0.0, beta: 0.0, lobes: vec![ModelLobe::unit(DVec3::new(-1.0, -1.0, 1.0), 9.0)] };
+    let model = Model {
+        diffuse: 0.0,
+        beta: 0.0,
+        lobes: vec![ModelLobe::unit(DVec3::new(-1.0, -1.0, 1.0), 9.0)],
+        ..Model::default()
+    };
     let free = solver.evaluate(Family::Isotropic, true, &model);
     solver.data.most = free.x.map(|x| 0.5 * x[1]);
     solver.begin();
@@ -226,7 +232,7 @@ fn patches(side: usize) -> SampledSbrdf {
         let lobes = materials[usize::from(3 * x > side) + 2 * usize::from(3 * y > 2 * side)];
         let share = x as f32 / side as f32;
         let rho_d = Rgb::new(0.05, 0.1, 0.02) * (0.5 + share);
-        let mut brdf = LobeBrdf { rho_d, beta: 0.0, lobes: lobes.to_vec() };
+        let mut brdf = LobeBrdf { rho_d, lobes: lobes.to_vec(), ..LobeBrdf::default() };
         brdf.lobes[0].rho_s *= 1.5 - share;
         brdf.lobes[0].n *= 0.8 + 0.4 * y as f32 / side as f32;
         brdf
@@ -308,6 +314,7 @@ fn spread_over_stated(repeats: u64, isotropic: bool) -> Vec<(&'static str, f64)>
         rho_d: Rgb::new(0.05, 0.1, 0.02),
         beta: if isotropic { 0.0 } else { 0.3 },
         lobes: vec![lobe(Rgb::new(0.7, 0.5, 0.1), glam::Vec3::new(-0.95, cy, 0.9), 25.0)],
+        ..LobeBrdf::default()
     };
     let pairs = directions(200, 12);
     let mut workspace = super::texel::Workspace::default();
@@ -410,7 +417,7 @@ fn auto_finds_the_number_of_lobes_their_kind_and_isotropy() {
     let (mut right, mut total) = (0, 0);
     for (index, (lobes, anisotropic)) in cases.into_iter().enumerate() {
         let beta = if anisotropic { 0.3 } else { 0.0 };
-        let truth = LobeBrdf { rho_d: Rgb::new(0.05, 0.1, 0.02), beta, lobes };
+        let truth = LobeBrdf { rho_d: Rgb::new(0.05, 0.1, 0.02), beta, lobes, ..LobeBrdf::default() };
         for seed in 0..10 {
             let mut random = Random::new(seed);
             let samples = measured(&directions(250, 40 * index as u64 + seed), &truth, 0.08, &mut random);

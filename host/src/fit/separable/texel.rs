@@ -103,6 +103,25 @@ impl WithSimd for Squares<'_> {
 /// One texel in so many starts from a neighbour where that seldom succeeds.
 const SELDOM: usize = 4;
 
+/// The channels that are fitted together.
+pub fn channel_groups(options: &FitOptions) -> &'static [&'static [usize]] {
+    if options.separate_channels { &[&[0], &[1], &[2]] } else { &[&[0, 1, 2]] }
+}
+
+impl Task {
+    /// Of the fits of both families the one to keep, with its task: isotropic unless the other is better or does with fewer lobes.
+    pub fn better_family(self, anisotropic: Found, isotropic: Found) -> (Self, Model) {
+        let fewer = anisotropic.model.lobes.len() < isotropic.model.lobes.len();
+        let better = choice::is_better(&anisotropic.left_out, &isotropic.left_out);
+        let worse = choice::is_better(&isotropic.left_out, &anisotropic.left_out);
+        if better || fewer && !worse {
+            (Self { family: Family::Anisotropic, ..self }, anisotropic.model)
+        } else {
+            (Self { family: Family::Isotropic, ..self }, isotropic.model)
+        }
+    }
+}
+
 impl Workspace {
     /// Makes the bank of shapes for texels near `index`.
     pub fn settle(&mut self, poses: &Poses, sampled: &SampledSbrdf, index: usize) {
@@ -133,7 +152,14 @@ impl Workspace {
             columns.get(column + 1),
         ];
         let near: Vec<&Vec<Trail>> = sides.into_iter().flatten().collect();
-        let (fit, trails) = self.fit_near(options, &near);
+        let mut trails = Vec::new();
+        let fit = self.fit_by(options, |workspace, group, task| {
+            let near: Vec<&Trail> = near.iter().filter_map(|trails| trails.get(group)).collect();
+            let (task, model, trail) = workspace.search(task, &near);
+            trails.truncate(group);
+            trails.push(trail);
+            (task, model)
+        });
         columns.resize_with(columns.len().max(column + 1), Vec::new);
         columns[column] = trails;
         self.columns = columns;
@@ -142,51 +168,32 @@ impl Workspace {
 
     /// Fits the samples that were read. With fewer samples than unknowns fewer lobes are fitted, with none the texel is black.
     pub fn fit(&mut self, options: &FitOptions) -> TexelFit {
-        self.fit_near(options, &[]).0
+        self.fit_by(options, |workspace, _, task| {
+            let (task, model, _) = workspace.search(task, &[]);
+            (task, model)
+        })
     }
 
-    fn fit_near(&mut self, options: &FitOptions, near: &[&Vec<Trail>]) -> (TexelFit, Vec<Trail>) {
+    /// As [`Self::fit`] by another search: given the place of a group of channels, at which the samples are aimed, and its task.
+    pub fn fit_by(
+        &mut self,
+        options: &FitOptions,
+        mut search: impl FnMut(&mut Self, usize, Task) -> (Task, Model),
+    ) -> TexelFit {
         let valid = self.solver.data.valid;
-        let lobes = affordable_lobes(valid, options);
-        let fixed = match options.diffuse {
-            Diffuse::Percentile(percentile) if lobes > 0 => Some(self.percentile(percentile)),
-            _ => None,
-        };
-        let groups: &[&[usize]] = if options.separate_channels { &[&[0], &[1], &[2]] } else { &[&[0, 1, 2]] };
-        let task = Task {
-            lobes,
-            family: if options.isotropic { Family::Isotropic } else { Family::Anisotropic },
-            diffuse: fixed.is_none(),
-            effort: Effort::texel(lobes),
-            choose: options.choose,
-        };
+        let fixed = self.fixed_diffuse(options);
         let mut brdf = LobeBrdf { rho_d: fixed.map_or(Rgb::ZERO, rgb), ..LobeBrdf::default() };
         let mut sigma = Sigma::default();
         let (mut error, mut whole) = (0.0, 0.0);
-        let mut trails = Vec::with_capacity(groups.len());
-        for (group, channels) in groups.iter().enumerate() {
+        for (place, channels) in channel_groups(options).iter().enumerate() {
             let arch = self.solver.arch;
-            arch.dispatch(Aim(&mut self.solver.data, channels, options.residual, fixed));
-            self.solver.begin();
-            let near: Vec<&Trail> = near.iter().filter_map(|trails| trails.get(group)).collect();
-            let (mut own, mut model, mut trail) = self.search(task, &near);
-            let mut factors = vec![1.0; self.solver.data.len()];
-            for round in 0..if options.robust { robust::ROUNDS } else { 0 } {
-                let at = self.solver.evaluate(own.family, own.diffuse, &model);
-                let layout = self.solver.layout(own.family, own.diffuse, &model);
-                factors = robust::factors(round, &self.solver, layout, &at, &factors);
-                arch.dispatch(Aim(&mut self.solver.data, channels, options.residual, fixed));
-                self.solver.data.reweigh(&factors);
-                self.solver.begin();
-                if round == 0 {
-                    // Outliers may have drawn a lobe to where it would not come back from.
-                    (own, model, trail) = self.search(task, &near);
-                } else {
-                    start::minimise(&mut self.solver, own, own.effort.limits, &mut model);
-                }
+            let task = self.aim(options, channels);
+            let (mut task, mut model) = search(self, place, task);
+            if options.robust {
+                (task, model) = self.withstand(options, channels, (task, model), |workspace, task| {
+                    search(workspace, place, task)
+                });
             }
-            let task = own;
-            trails.push(trail);
             let at = self.solver.evaluate(task.family, task.diffuse, &model);
             let part = self.brdf(channels, &model, &at);
             brdf.rho_d += part.rho_d;
@@ -197,14 +204,64 @@ impl Workspace {
             let squares = arch.dispatch(Squares(&self.solver, &at, channels, model.lobes.len()));
             (error, whole) = (error + squares.0, whole + squares.1);
         }
-        if let [_] = groups
-            && !options.choose
-        {
+        if !options.choose && !options.separate_channels {
             sigma.lobes.resize(options.lobes, uncertainty::untold(&self.solver));
         }
         let rms = (error / (3 * valid).max(1) as f64).sqrt();
         let relative = if whole > 0.0 { (error / whole).sqrt() } else { 0.0 };
-        (TexelFit { brdf, rms, relative, samples: valid, sigma: Some(sigma) }, trails)
+        TexelFit { brdf, rms, relative, samples: valid, sigma: Some(sigma), held: false }
+    }
+
+    /// The fit of samples some of which may lie far off: their weights and the fit follow each other.
+    fn withstand(
+        &mut self,
+        options: &FitOptions,
+        channels: &[usize],
+        (mut task, mut model): (Task, Model),
+        mut search: impl FnMut(&mut Self, Task) -> (Task, Model),
+    ) -> (Task, Model) {
+        let mut factors = vec![1.0; self.solver.data.len()];
+        for round in 0..robust::ROUNDS {
+            let at = self.solver.evaluate(task.family, task.diffuse, &model);
+            let layout = self.solver.layout(task.family, task.diffuse, &model);
+            factors = robust::factors(round, &self.solver, layout, &at, &factors);
+            let whole = self.aim(options, channels);
+            self.solver.data.reweigh(&factors);
+            self.solver.begin();
+            if round == 0 {
+                // Outliers may have drawn a lobe to where it would not come back from.
+                (task, model) = search(self, whole);
+            } else {
+                start::minimise(&mut self.solver, task, task.effort.limits, &mut model);
+            }
+        }
+        (task, model)
+    }
+
+    /// Weights the samples that were read for fitting `channels` together; what is then to be done.
+    pub fn aim(&mut self, options: &FitOptions, channels: &[usize]) -> Task {
+        let fixed = self.fixed_diffuse(options);
+        let arch = self.solver.arch;
+        arch.dispatch(Aim(&mut self.solver.data, channels, options.residual, fixed));
+        self.solver.begin();
+        let lobes = affordable_lobes(self.solver.data.valid, options);
+        Task {
+            lobes,
+            family: if options.isotropic { Family::Isotropic } else { Family::Anisotropic },
+            diffuse: fixed.is_none(),
+            effort: Effort::texel(lobes),
+            choose: options.choose,
+        }
+    }
+
+    /// ρ_d where it is no unknown.
+    fn fixed_diffuse(&self, options: &FitOptions) -> Option<[f64; 3]> {
+        match options.diffuse {
+            Diffuse::Percentile(percentile) if affordable_lobes(self.solver.data.valid, options) > 0 => {
+                Some(self.percentile(percentile))
+            }
+            _ => None,
+        }
     }
 
     /// The model that is found, with the task whose family it belongs to: where the number of lobes is a choice, so is isotropy.
@@ -217,11 +274,9 @@ impl Workspace {
         let isotropic = Task { family: Family::Isotropic, ..task };
         let other = self.follow_or_search(isotropic, &of(1), None);
         let found = self.follow_or_search(task, &of(0), Some(&other.known));
-        let fewer = found.model.lobes.len() < other.model.lobes.len();
-        let better = choice::is_better(&found.left_out, &other.left_out);
-        let worse = choice::is_better(&other.left_out, &found.left_out);
-        let trail = [found.known, other.known];
-        if better || fewer && !worse { (task, found.model, trail) } else { (isotropic, other.model, trail) }
+        let trail = [found.known.clone(), other.known.clone()];
+        let (task, model) = task.better_family(found, other);
+        (task, model, trail)
     }
 
     /// From the neighbour whose shapes describe this texel best, or else from the isotropic models where there are such, or from the bank.

@@ -5,7 +5,7 @@ use bytemuck::{Pod, Zeroable};
 use glam::{Vec3, Vec4};
 use wgpu::BufferUsages;
 
-use super::prefilter::{Source, least_cosine, source_spacing};
+use super::source::{Cap, Source};
 use crate::error::Result;
 use crate::render::gpu::Gpu;
 use crate::scene::Environment;
@@ -29,19 +29,18 @@ struct Task {
     first: u32,
 }
 
-/// The device with its pipeline.
-pub(super) struct Prefilter {
-    gpu: Gpu,
+/// The pipeline on its device.
+pub(super) struct Prefilter<'a> {
+    gpu: &'a Gpu,
     pipeline: wgpu::ComputePipeline,
 }
 
-impl Prefilter {
-    /// Opens the GPU and builds the pipeline.
+impl<'a> Prefilter<'a> {
+    /// Builds the pipeline.
     ///
     /// # Errors
-    /// A failure when there is no GPU or it refuses.
-    pub(super) fn new() -> Result<Self> {
-        let gpu = Gpu::open()?;
+    /// A failure when the driver refuses.
+    pub(super) fn new(gpu: &'a Gpu) -> Result<Self> {
         let pipeline = gpu.guarded(|| {
             let module = gpu.device.create_shader_module(wgpu::ShaderModuleDescriptor {
                 label: Some("prefilter.wgsl"),
@@ -59,44 +58,37 @@ impl Prefilter {
         Ok(Self { gpu, pipeline })
     }
 
-    /// Name and driver.
-    pub(super) fn name(&self) -> String {
-        self.gpu.name()
-    }
-
-    /// log₂ S for one exponent.
+    /// S^(1/n) for one exponent.
     ///
     /// # Errors
     /// A failure when the maps do not fit the device or the driver refuses.
-    pub(super) fn slice(&self, environment: &Environment, n: f32, height: usize) -> Result<Environment> {
-        let source = Source::new(environment, source_spacing(n));
+    pub(super) fn slice(&self, source: &Source, cap: &Cap, height: usize) -> Result<Environment> {
         let width = 2 * height;
-        let values = self.gpu.guarded(|| self.run(&source, n, [width as u32, height as u32]))?;
+        let values = self.gpu.guarded(|| self.run(source, cap, [width as u32, height as u32]))?;
         let pixels: Vec<Vec3> = values.iter().map(|value| value.truncate()).collect();
         Ok(Environment { width, height, pixels: pixels.into(), rotation: 0.0 })
     }
 
-    fn run(&self, source: &Source, n: f32, map: [u32; 2]) -> Result<Vec<Vec4>> {
-        let gpu = &self.gpu;
+    fn run(&self, source: &Source, cap: &Cap, map: [u32; 2]) -> Result<Vec<Vec4>> {
+        let gpu = self.gpu;
         let points: (Vec<Vec4>, Vec<Vec4>) =
             source.points().map(|(d, f)| (d.extend(0.0), f.extend(0.0))).unzip();
-        let cosine = least_cosine(n);
         let pixels = map[0] * map[1];
         let directions = gpu.buffer("directions", &points.0, BufferUsages::STORAGE)?;
         let flux = gpu.buffer("flux", &points.1, BufferUsages::STORAGE)?;
         let zeros = vec![Vec4::ZERO; pixels as usize];
         let out = gpu.buffer("map", &zeros, BufferUsages::STORAGE | BufferUsages::COPY_SRC)?;
         // Points of light within a lobe: its share of the sphere.
-        let terms = (0.5 * f64::from(1.0 - cosine) * points.1.len() as f64).max(1.0) as u64;
-        let batch = ((TERMS / terms) as u32).clamp(GROUP, pixels).next_multiple_of(GROUP);
+        let terms = (0.5 * f64::from(1.0 - cap.least_cosine) * points.1.len() as f64).max(1.0) as u64;
+        let batch = ((TERMS / terms) as u32).min(pixels).next_multiple_of(GROUP).max(GROUP);
         let batch = batch.min(gpu.device.limits().max_compute_workgroups_per_dimension * GROUP);
         for first in (0..pixels).step_by(batch as usize) {
             let task = Task {
                 source: [source.width as u32, source.height as u32],
                 map,
-                n,
-                least_cosine: cosine,
-                reach: cosine.acos(),
+                n: cap.n,
+                least_cosine: cap.least_cosine,
+                reach: cap.reach,
                 first,
             };
             let task = gpu.buffer("task", &[task], BufferUsages::UNIFORM)?;
@@ -129,29 +121,27 @@ impl Prefilter {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::render::environment::prefilter;
+    use crate::render::environment::{accuracy, prefilter};
 
     #[test]
     fn the_gpu_agrees_with_the_cpu() {
-        let prefilter = match Prefilter::new() {
-            Ok(prefilter) => prefilter,
-            Err(error) if error.to_string().contains("no adapter") => return println!("skipped: {error}"),
-            Err(error) => panic!("{error}"),
+        let gpu = match Gpu::open() {
+            Ok(gpu) => gpu,
+            Err(error) => return println!("skipped: {error}"),
         };
+        let prefilter = Prefilter::new(&gpu).unwrap();
         let environment = Environment::from_function(64, 32, |d| {
             let sun = if d.dot(Vec3::new(0.5, 0.6, 0.62)) > 0.99 { 1e5 } else { 0.0 };
             Vec3::new(0.5 + 0.4 * d.x, 0.3 + sun, 0.2 + 0.1 * d.z)
         });
         for n in [0.5, 1.0, 20.0, 150.0] {
-            let height = prefilter::map_height(n) / 2;
-            let cpu = prefilter::slice(&environment, n, height);
-            let gpu = prefilter.slice(&environment, n, height).unwrap();
-            let differences = cpu.pixels.iter().zip(gpu.pixels.iter()).map(|(a, b)| {
-                // Relative difference of S against what the brightest direction has.
-                let bright = cpu.pixels.iter().copied().reduce(Vec3::max).unwrap_or_default();
-                ((a - bright).map(f32::exp2) - (b - bright).map(f32::exp2)).abs().max_element()
-            });
-            let largest = differences.fold(0.0, f32::max);
+            let (source, cap) = accuracy::prepared(&environment, n, 0.03);
+            let height = accuracy::map_height(n, 0.03) / 2;
+            let cpu = prefilter::slice(&source, &cap, height);
+            let gpu = prefilter.slice(&source, &cap, height).unwrap();
+            // Relative error of S, which is n times that of its root.
+            let error = |(a, b): (&Vec3, &Vec3)| n * ((b - a) / *a).abs().max_element();
+            let largest = cpu.pixels.iter().zip(gpu.pixels.iter()).map(error).fold(0.0, f32::max);
             // Points at the very edge of the lobe may fall inside in one only.
             assert!(largest < 2e-3, "{n}: {largest}");
         }

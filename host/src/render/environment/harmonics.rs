@@ -4,13 +4,13 @@ use std::f32::consts::PI;
 
 use glam::Vec3;
 
-use super::prefilter::Source;
+use super::source::Source;
 use crate::reflectance::Rgb;
 use crate::scene::Environment;
 
 /// The coefficients of irradiance.
 pub(crate) struct Harmonics {
-    coefficients: [Rgb; 9],
+    pub(super) coefficients: [Rgb; 9],
     rotation: f32,
 }
 

@@ -1,17 +1,21 @@
 //! What a lobe near the horizon gathers: the cosine and the horizon within the lobe, tabulated for even light.
 //!
 //! (6.18) takes the cosine at the lobe's peak and lets light from below the surface in. Here the factor is the true
-//! H = ∫ (ω_p·ω)ⁿ (N·ω)₊ dω / ∫ (ω_p·ω)₊ⁿ dω, exact for even light, and S is looked up at the centroid of the clipped lobe.
+//! H = ∫ (ω_p·ω)ⁿ (N·ω)₊ dω / ∫ (ω_p·ω)₊ⁿ dω, exact for even light, and the light is looked up under a lobe of the clipped
+//! one's centroid and width: ∫ (ω_p·ω)ⁿ (N·ω)₊ L dω ≈ H (n' + 1)/(n + 1) S(ω_p', n'). For a lobe about the normal n' = n + 1, and
+//! the approximation is exact.
 
 use std::f32::consts::{FRAC_PI_2, TAU};
 use std::sync::OnceLock;
 
-use glam::{DVec3, Vec3};
+use glam::{DVec3, Vec3, Vec4};
 
 /// Nodes over the peak's cosine −1..1 and over the exponent, 2^−2 to 2^12.
 const SIZE: (usize, usize) = (97, 29);
 const LOG2_LOW: f32 = -2.0;
 const LOG2_STEP: f32 = 0.5;
+/// Lobes below the horizon are sharpened no further: what is left of them is dim.
+const SHARPEST: f64 = 3.0;
 
 /// Factor and turn of a lobe.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
@@ -20,6 +24,21 @@ pub(crate) struct Clipped {
     pub(crate) factor: f32,
     /// Angle from the peak to the clipped lobe's centroid, towards the normal, radians.
     pub(crate) turn: f32,
+    /// (n' + 1) / (n + 1), n' the exponent of a whole lobe as wide as the clipped one.
+    pub(crate) sharpness: f32,
+}
+
+impl Clipped {
+    /// (6.18): the cosine at the peak, and the lobe as it is.
+    pub(crate) fn at_peak(cosine: f32) -> Self {
+        Self { factor: cosine.max(0.0), turn: 0.0, sharpness: 1.0 }
+    }
+}
+
+/// The exponent that maps reach so that lobes of `n` can be sharpened. Above 64 clipping changes little but near grazing view, where
+/// lobes keep the sharpest map's width instead: maps for twice the exponent would take twice the work.
+pub(crate) fn widest_clipped(n: f32) -> f32 {
+    (2.0 * (n + 1.0)).min(64.0)
 }
 
 /// The table.
@@ -49,7 +68,12 @@ impl Horizon {
             of(&first[0]) * (1.0 - s) + of(&first[1]) * s
         };
         let both = |of: fn(&Clipped) -> f32| mix(j, of) * (1.0 - t) + mix(j + 1, of) * t;
-        Clipped { factor: both(|c| c.factor), turn: both(|c| c.turn) }
+        Clipped { factor: both(|c| c.factor), turn: both(|c| c.turn), sharpness: both(|c| c.sharpness) }
+    }
+
+    /// The entries as the shader has them, cosine by cosine.
+    pub(super) fn packed(&self) -> Vec<Vec4> {
+        self.0.iter().map(|c| Vec4::new(c.factor, c.turn, c.sharpness, 0.0)).collect()
     }
 }
 
@@ -71,8 +95,17 @@ fn integrate(cosine: f32, n: f32) -> Clipped {
             centroid += direction.as_dvec3() * weight;
         }
     }
-    let turn = if factor > 0.0 { centroid.x.atan2(centroid.z) as f32 } else { FRAC_PI_2 };
-    Clipped { factor: (factor / (STEPS.0 * STEPS.1) as f64) as f32, turn }
+    if factor == 0.0 {
+        return Clipped { factor: 0.0, turn: FRAC_PI_2, sharpness: 1.0 };
+    }
+    // A whole lobe's centroid has the length (n' + 1) / (n' + 2).
+    let length = centroid.length() / factor;
+    let sharpness = length / (1.0 - length).max(1e-12) / (f64::from(n) + 1.0);
+    Clipped {
+        factor: (factor / (STEPS.0 * STEPS.1) as f64) as f32,
+        turn: centroid.x.atan2(centroid.z) as f32,
+        sharpness: sharpness.clamp(1.0, SHARPEST) as f32,
+    }
 }
 
 #[cfg(test)]
@@ -86,6 +119,8 @@ mod tests {
         for n in [1.0f32, 4.0, 30.0, 500.0] {
             let up = table.at(1.0, n);
             assert!((up.factor - (n + 1.0) / (n + 2.0)).abs() < 1e-3 && up.turn.abs() < 1e-3, "{n} {up:?}");
+            // What is left is cosⁿ⁺¹.
+            assert!((up.sharpness - (n + 2.0) / (n + 1.0)).abs() < 2e-2, "{n} {up:?}");
         }
         // n = 1 in the plane of the surface: ∫ (x)₊ (z)₊ dω / π = 2/3 / π.
         assert!((table.at(0.0, 1.0).factor - 2.0 / 3.0 / std::f32::consts::PI).abs() < 1e-3);

@@ -2,24 +2,31 @@
 //!
 //! L(ω_r) ≈ ρ_d D(N) + Σ_j ρ_s,j |p_j|^n_j S(p_j / |p_j|, n_j) H,  p_j = C'_j ω_r
 //!
-//! with H the cosine at the lobe's peak (6.18), or corrected for the horizon. No shadows and no
-//! interreflection. Lights without extent are added as in `lights`.
+//! with H the cosine at the lobe's peak (6.18), or corrected for the horizon ([`horizon`]). No shadows and no interreflection
+//! of that light. Lights without extent are added as in `lights`. On the CPU a ray is cast a sample; on the GPU the raster of
+//! `lights` draws, with shaders/environment.wgsl for the light from afar.
 
+mod accuracy;
 mod gpu;
 mod harmonics;
 mod horizon;
 mod prefilter;
+pub(crate) mod quadrature;
+mod raster;
+mod source;
 #[cfg(test)]
 mod tests;
 
 use std::time::Instant;
 
-use glam::{Vec3, Vec4};
+use glam::{Vec2, Vec3, Vec4};
 use rayon::prelude::*;
 
 pub use prefilter::Encoding;
+pub(crate) use prefilter::Prefiltered;
 
 use super::geometry::{Geometry, Surface};
+use super::gpu::Gpu;
 use super::image::Picture;
 use super::materials::{Materials, Shader};
 use super::sampler::{self, hash};
@@ -27,68 +34,111 @@ use super::shading::{self, Lamp, Rays};
 use super::{Cost, Prepared, Renderer, Rendering, math};
 use crate::error::{Error, Result};
 use crate::reflectance::Rgb;
-use crate::scene::{Camera, Scene};
+use crate::scene::environment::direction_of;
+use crate::scene::{Camera, Environment, Scene};
 use harmonics::Harmonics;
 use horizon::{Clipped, Horizon};
-use prefilter::Prefiltered;
 
 /// How to prefilter and to draw.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Settings {
     /// How exponents are encoded.
     pub encoding: Encoding,
-    /// Whether the maps are computed on the GPU.
+    /// Relative error of the prefiltered maps, RMS over directions: their resolution and number follow from it.
+    pub map_error: f32,
+    /// Whether the GPU computes the maps and draws.
     pub gpu: bool,
     /// Whether lobes near the horizon are corrected.
     pub horizon: bool,
     /// Whether the diffuse term takes nine spherical harmonics instead of a map.
     pub harmonics: bool,
-    /// Samples a pixel, for edges and textures; powers of two are spread best.
+    /// Samples a pixel, for edges and textures; powers of two are spread best. The GPU takes 4 at edges, or 1.
     pub samples: u32,
-    /// Seed of the samples.
+    /// Seed of the CPU's samples.
     pub seed: u64,
 }
 
 impl Default for Settings {
     fn default() -> Self {
-        Self { encoding: Encoding::Slices, gpu: false, horizon: true, harmonics: false, samples: 16, seed: 0 }
+        Self {
+            encoding: Encoding::Slices,
+            map_error: 0.01,
+            gpu: false,
+            horizon: true,
+            harmonics: false,
+            samples: 16,
+            seed: 0,
+        }
+    }
+}
+
+impl Settings {
+    /// What is wrong with them.
+    fn check(&self) -> Result<()> {
+        if self.samples == 0 {
+            return Err(Error::input("samples is 0; use 1 or more"));
+        }
+        check_error(self.map_error)
     }
 }
 
 impl Renderer for Settings {
     fn prepare<'a>(&self, scene: &'a Scene) -> Result<Box<dyn Prepared + 'a>> {
         scene.check()?;
-        if self.samples == 0 {
-            return Err(Error::input("samples is 0; use 1 or more"));
-        }
+        super::lobes_only(scene, "environment")?;
+        self.check()?;
         let start = Instant::now();
+        if self.gpu {
+            return raster::prepare(scene, self, start);
+        }
         let materials = Materials::new(scene);
-        let prefilter = self.gpu.then(gpu::Prefilter::new).transpose()?;
-        let light = scene.environment.as_ref().map(|environment| {
-            let exponents: Vec<f32> = materials.lobes.iter().map(|lobe| lobe.n).collect();
-            let maps = match &prefilter {
-                Some(gpu) => Prefiltered::new(environment, &exponents, self.encoding, |e, n, rows| {
-                    gpu.slice(e, n, rows)
-                }),
-                None => Prefiltered::on_cpu(environment, &exponents, self.encoding),
-            };
-            Ok(Light {
-                maps: maps?,
-                harmonics: self.harmonics.then(|| Harmonics::new(environment)),
-                horizon: self.horizon.then(Horizon::table),
-            })
-        });
+        let light = scene.environment.as_ref();
+        let light = light.map(|environment| Light::new(environment, &materials, self, None)).transpose()?;
         Ok(Box::new(Ready {
             scene,
             settings: *self,
             geometry: Geometry::new(scene),
             lamps: shading::lamps(&scene.lights, super::lights::POINTS_ACROSS),
             materials,
-            light: light.transpose()?,
-            adapter: prefilter.map(|gpu| gpu.name()),
+            light,
             prepare_seconds: start.elapsed().as_secs_f64(),
         }))
     }
+}
+
+/// The mean radiance under a lobe of an exponent, ∫ (ω_p·ω)ⁿ L dω / ∫ (ω_p·ω)ⁿ dω, for peaks at the centres of an equirectangular
+/// map's pixels; of `height` rows, or of as many as the error needs.
+///
+/// # Errors
+/// Input errors for an error out of range.
+pub fn prefilter(
+    environment: &Environment,
+    n: f32,
+    height: Option<usize>,
+    error: f32,
+) -> Result<Environment> {
+    check_error(error)?;
+    let height = height.unwrap_or_else(|| accuracy::map_height(n, error));
+    let width = 2 * height;
+    let (source, cap) = accuracy::prepared(environment, n, error);
+    let direction = |index: usize| {
+        let (x, y) = ((index % width) as f32 + 0.5, (index / width) as f32 + 0.5);
+        direction_of(Vec2::new(x / width as f32, y / height as f32))
+    };
+    let even = (n + 1.0) / std::f32::consts::TAU;
+    let pixels: Vec<Rgb> = (0..width * height)
+        .into_par_iter()
+        .map(|index| source.filtered(direction(index), &cap) * even)
+        .collect();
+    Ok(Environment { width, height, pixels: pixels.into(), rotation: environment.rotation })
+}
+
+/// Refuses an error that maps cannot be made for.
+fn check_error(error: f32) -> Result<()> {
+    if (1e-3..=0.3).contains(&error) {
+        return Ok(());
+    }
+    Err(Error::input(format!("the error of prefiltered maps is {error}; use 0.001 to 0.3")))
 }
 
 /// An environment ready to shade by.
@@ -99,6 +149,37 @@ struct Light {
 }
 
 impl Light {
+    /// Prefilters an environment for the lobes of some materials, on the GPU when there is one.
+    ///
+    /// # Errors
+    /// Failures of the GPU.
+    fn new(
+        environment: &Environment,
+        materials: &Materials,
+        settings: &Settings,
+        gpu: Option<&Gpu>,
+    ) -> Result<Self> {
+        let exponents = materials.lobes.iter().map(|lobe| lobe.n);
+        let (low, high) = exponents.fold((f32::INFINITY, 0.0f32), |(a, b), n| (a.min(n), b.max(n)));
+        let range = match (low <= high, settings.horizon) {
+            (false, _) => (1.0, 1.0),
+            (true, false) => (low, high),
+            (true, true) => (low, high.max(horizon::widest_clipped(high))),
+        };
+        let Settings { encoding, map_error, .. } = *settings;
+        let maps = match gpu.map(gpu::Prefilter::new).transpose()? {
+            Some(gpu) => Prefiltered::new(environment, range, encoding, map_error, |source, cap, rows| {
+                gpu.slice(source, cap, rows)
+            }),
+            None => Prefiltered::on_cpu(environment, range, encoding, map_error),
+        };
+        Ok(Self {
+            maps: maps?,
+            harmonics: settings.harmonics.then(|| Harmonics::new(environment)),
+            horizon: settings.horizon.then(Horizon::table),
+        })
+    }
+
     /// Radiance of the environment that a surface reflects.
     fn reflected(&self, surface: &Surface, shader: &Shader) -> Rgb {
         let normal = surface.frame[2];
@@ -110,13 +191,15 @@ impl Light {
         for lobe in &shader.lobes {
             let length = lobe.peak.length();
             let peak = lobe.peak / length;
-            let Clipped { factor, turn } = match self.horizon {
+            let Clipped { factor, turn, sharpness } = match self.horizon {
                 Some(horizon) => horizon.at(peak.z, lobe.n),
-                None => Clipped { factor: peak.z.max(0.0), turn: 0.0 },
+                None => Clipped::at_peak(peak.z),
             };
             if factor > 0.0 {
-                let light = self.maps.lobe(surface.to_world(turned(peak, turn)), lobe.n);
-                radiance += lobe.rho_s * light * (math::powf(length, lobe.n) * factor);
+                let n = self.maps.nearest((lobe.n + 1.0) * sharpness - 1.0);
+                let light = self.maps.lobe(surface.to_world(turned(peak, turn)), n);
+                let part = factor * (n + 1.0) / (lobe.n + 1.0);
+                radiance += lobe.rho_s * light * (math::powf(length, lobe.n) * part);
             }
         }
         radiance
@@ -143,8 +226,6 @@ struct Ready<'a> {
     materials: Materials,
     lamps: Vec<Lamp>,
     light: Option<Light>,
-    /// The GPU that made the maps.
-    adapter: Option<String>,
     prepare_seconds: f64,
 }
 
@@ -196,11 +277,6 @@ impl Prepared for Ready<'_> {
             rays: pixels.len() as u64 * u64::from(samples),
             draws: 0,
         };
-        Ok(Rendering {
-            picture: Picture { width, height, pixels },
-            variance: None,
-            cost,
-            adapter: self.adapter.clone(),
-        })
+        Ok(Rendering { picture: Picture { width, height, pixels }, variance: None, cost, adapter: None })
     }
 }

@@ -60,6 +60,11 @@ impl Gpu {
         format!("{} ({}, {})", info.name, info.backend, info.driver_info.trim())
     }
 
+    /// Whether the adapter computes on the CPU, as Mesa's lavapipe does.
+    pub(crate) fn is_software(&self) -> bool {
+        self.adapter.get_info().device_type == wgpu::DeviceType::Cpu
+    }
+
     /// The first of `wanted` (a format and a number of samples) that can be drawn to, resolved and copied.
     pub(crate) fn target(&self, wanted: &[(wgpu::TextureFormat, u32)]) -> Option<(wgpu::TextureFormat, u32)> {
         let usages = wgpu::TextureUsages::RENDER_ATTACHMENT | wgpu::TextureUsages::COPY_SRC;
@@ -196,6 +201,15 @@ impl Gpu {
         Ok(view.chunks_exact(16).map(bytemuck::pod_read_unaligned).collect())
     }
 
+    /// Waits until all work that was submitted is done.
+    ///
+    /// # Errors
+    /// A failure when the device is lost.
+    pub(crate) fn wait(&self) -> Result<()> {
+        let done = self.device.poll(wgpu::PollType::wait_indefinitely());
+        done.map(drop).map_err(|error| fault("its work cannot be waited for", error))
+    }
+
     /// Waits for a buffer that is to be read.
     fn mapped(&self, buffer: &wgpu::Buffer) -> Result<wgpu::BufferView> {
         let (sender, receiver) = std::sync::mpsc::channel();
@@ -203,10 +217,9 @@ impl Gpu {
             // The receiver is gone only when the wait below has failed, which is told already.
             let _ = sender.send(result);
         });
-        self.device
-            .poll(wgpu::PollType::wait_indefinitely())
-            .map_err(|error| fault("its work cannot be waited for", error))?;
-        match receiver.try_recv() {
+        self.wait()?;
+        // Another thread that waits for its own work may be the one that calls back.
+        match receiver.recv() {
             Ok(Ok(())) => {}
             Ok(Err(error)) => return Err(fault("its work cannot be read back", error)),
             Err(_) => return Err(fault("its work cannot be read back", "the device does not answer")),

@@ -1,69 +1,136 @@
 //! The `lights` renderer: a raster on the GPU with point and directional lights (6.9), any number of lobes and lights in one
-//! pass; rectangular lights stand as a grid of points. No shadows, and an environment is seen but lights nothing: scenes that need those go to the reference.
+//! pass; rectangular lights stand as a grid of points. Shadows are traced through a tree of the scene's triangles. Textures are
+//! filtered as [`Filtering`] says, coefficients stored as [`Storage`] says. An environment is seen but lights nothing.
 
 pub mod cpu;
+mod footprint;
 mod pipeline;
+#[cfg(test)]
+mod tests;
+mod upload;
 
+use std::collections::HashMap;
+use std::sync::Arc;
 use std::time::Instant;
 
-use bytemuck::{Pod, Zeroable};
 use glam::{Mat4, Vec3, Vec4};
 
-use super::geometry;
 use super::gpu::Gpu;
 use super::image::Picture;
-use super::materials::Materials;
-use super::shading::{self, Lamp, Rays};
+use super::shading::{self, Rays};
+use super::storage::Storage;
 use super::{Cost, Prepared, Renderer, Rendering};
+use crate::edit::levels;
 use crate::error::{Error, Result};
-use crate::scene::{Camera, Mesh, Scene};
+use crate::fit::mip;
+use crate::reflectance::SbrdfMap;
+use crate::scene::{Camera, Reflectance, Scene};
+use upload::Uploads;
 
 /// Points along a rectangular light's edges that stand for it.
 pub(super) const POINTS_ACROSS: u32 = 4;
 
+/// What a pixel takes of a texture that is smaller than it should be (stability case G14).
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, clap::ValueEnum)]
+pub enum Filtering {
+    /// The texels around its middle: fast, and full of specks from afar.
+    Finest,
+    /// MIP levels of averaged coefficients, interpolated before they are evaluated, as texture hardware does.
+    Coefficients,
+    /// MIP levels fitted to the averaged reflectance; what is interpolated is reflectance. Maps without such levels (`lobelia fit
+    /// --mip`) get them first.
+    Fitted,
+    /// Shades texels all over the pixel, then filters: right, and as slow as there are texels.
+    #[default]
+    Shaded,
+}
+
+impl Filtering {
+    /// All of them.
+    pub const ALL: [Self; 4] = [Self::Finest, Self::Coefficients, Self::Fitted, Self::Shaded];
+
+    /// Name in charts.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Finest => "finest level",
+            Self::Coefficients => "averaged coefficients",
+            Self::Fitted => "fitted levels",
+            Self::Shaded => "shade, then filter",
+        }
+    }
+}
+
 /// How to draw.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Settings {
-    /// Samples a pixel at edges: 4 where the adapter can, or 1.
+    /// Samples a pixel at edges: as many, or the most below that the adapter can.
     pub samples: u32,
+    /// Filter of textures.
+    pub filtering: Filtering,
+    /// Samples of a texture along an axis of the pixel at most; along the longer one with MIP levels.
+    pub anisotropy: u32,
+    /// How coefficients are stored.
+    pub storage: Storage,
+    /// Whether lights throw shadows.
+    pub shadows: bool,
 }
 
 impl Default for Settings {
     fn default() -> Self {
-        Self { samples: 4 }
+        Self {
+            samples: 4,
+            filtering: Filtering::default(),
+            anisotropy: 16,
+            storage: Storage::default(),
+            shadows: true,
+        }
     }
 }
 
-/// Uniforms of the shader.
-#[derive(Debug, Clone, Copy, Pod, Zeroable)]
-#[repr(C)]
-struct View {
-    projection: Mat4,
-    eye: Vec4,
-}
-
-/// Everything of a scene that is uploaded.
-struct Uploads {
-    lamps: Vec<Lamp>,
-    materials: Materials,
-    mesh: Mesh,
-    /// The run of triangles of every object and rectangular light.
-    runs: Vec<std::ops::Range<u32>>,
-}
-
-impl Uploads {
-    fn new(scene: &Scene) -> Self {
-        let (mesh, runs) = geometry::joined(scene);
-        let lamps = shading::lamps(&scene.lights, POINTS_ACROSS);
-        Self { lamps, materials: Materials::new(scene), mesh, runs }
+impl Settings {
+    /// The scene as it is drawn: with the MIP levels that the filter takes, in the coefficients that storage leaves.
+    ///
+    /// # Errors
+    /// Input errors for a scene that [`Scene::check`] refuses, and for counts of 0.
+    fn scene(&self, scene: &Scene) -> Result<Scene> {
+        scene.check()?;
+        super::lobes_only(scene, "lights")?;
+        if self.samples == 0 || self.anisotropy == 0 {
+            return Err(Error::input("lights: samples and anisotropy must be 1 or more"));
+        }
+        let mut scene = scene.clone();
+        // Objects often share a map.
+        let mut made: HashMap<*const SbrdfMap, Vec<Arc<SbrdfMap>>> = HashMap::new();
+        for material in scene.objects.iter_mut().map(|object| &mut object.material) {
+            let Reflectance::Map(map) = &material.reflectance else { continue };
+            let key = Arc::as_ptr(map);
+            match self.filtering {
+                Filtering::Finest | Filtering::Shaded => material.levels.clear(),
+                Filtering::Fitted if !material.levels.is_empty() => {}
+                Filtering::Fitted => {
+                    let fitted = || levels::all_fitted(map).into_iter().map(Arc::new).collect();
+                    material.levels = made.entry(key).or_insert_with(fitted).clone();
+                }
+                Filtering::Coefficients => {
+                    let last = mip::last([map.width, map.height]);
+                    let averaged = || (1..=last).map(|level| levels::averaged(map, level).into()).collect();
+                    material.levels = made.entry(key).or_insert_with(averaged).clone();
+                }
+            }
+        }
+        Ok(self.storage.stored_scene(&scene))
     }
 
-    /// Bytes on the device.
-    fn bytes(&self) -> usize {
-        size_of_val(&self.lamps[..])
-            + self.materials.bytes()
-            + size_of_val(&self.mesh.vertices[..])
-            + size_of_val(&self.mesh.triangles[..])
+    /// Seconds a frame of a view, the least of `rounds` of `frames` each, without reading pictures back; and the adapter.
+    ///
+    /// # Errors
+    /// Those of [`Renderer::prepare`] and of [`Prepared::view`].
+    pub fn frame_seconds(&self, scene: &Scene, rounds: u32, frames: u32) -> Result<(f64, String)> {
+        let lights = Lights::new(self, scene, Gpu::open()?, None)?;
+        lights.check(&scene.camera)?;
+        let seconds =
+            lights.gpu.guarded(|| lights.pass.frame_seconds(&lights.gpu, &scene.camera, rounds, frames));
+        Ok((seconds?, lights.gpu.name()))
     }
 }
 
@@ -85,18 +152,19 @@ fn projection(camera: &Camera) -> Mat4 {
 
 impl Renderer for Settings {
     fn prepare<'a>(&self, scene: &'a Scene) -> Result<Box<dyn Prepared + 'a>> {
-        scene.check()?;
-        let start = Instant::now();
-        let gpu = Gpu::open()?;
-        let uploads = Uploads::new(scene);
-        let pass = gpu.guarded(|| pipeline::Pass::new(&gpu, &uploads, self.samples))?;
-        let bytes = uploads.bytes();
-        Ok(Box::new(Lights { scene, gpu, pass, bytes, prepare_seconds: start.elapsed().as_secs_f64() }))
+        Ok(Box::new(Lights::new(self, scene, Gpu::open()?, None)?))
     }
 }
 
+/// Light from afar: WGSL that is appended to shaders/lights.wgsl and defines `distant_of`, and what it reads as group 1, the
+/// first a uniform, the others storage.
+pub(super) struct Distant {
+    pub(super) shader: &'static str,
+    pub(super) buffers: [wgpu::Buffer; 4],
+}
+
 /// A scene on the GPU.
-struct Lights<'a> {
+pub(super) struct Lights<'a> {
     scene: &'a Scene,
     gpu: Gpu,
     pass: pipeline::Pass,
@@ -104,14 +172,47 @@ struct Lights<'a> {
     prepare_seconds: f64,
 }
 
-impl Prepared for Lights<'_> {
-    fn view(&self, camera: &Camera) -> Result<Rendering> {
-        camera.check()?;
+impl<'a> Lights<'a> {
+    /// Uploads a scene.
+    ///
+    /// # Errors
+    /// Input errors for the scene and the settings, failures of the device.
+    pub(super) fn new(
+        settings: &Settings,
+        scene: &'a Scene,
+        gpu: Gpu,
+        distant: Option<Distant>,
+    ) -> Result<Self> {
         let start = Instant::now();
+        let uploads = Uploads::new(&settings.scene(scene)?, settings)?;
+        let more: u64 = distant.iter().flat_map(|distant| &distant.buffers).map(wgpu::Buffer::size).sum();
+        let pass = gpu.guarded(|| pipeline::Pass::new(&gpu, &uploads, settings, distant.as_ref()))?;
+        let bytes = uploads.bytes() + more as usize;
+        Ok(Self { scene, gpu, pass, bytes, prepare_seconds: start.elapsed().as_secs_f64() })
+    }
+
+    /// Counts what was done before the upload as well.
+    #[must_use]
+    pub(super) fn since(mut self, start: Instant) -> Self {
+        self.prepare_seconds = start.elapsed().as_secs_f64();
+        self
+    }
+
+    /// Refuses views that cannot be drawn.
+    fn check(&self, camera: &Camera) -> Result<()> {
+        camera.check()?;
         let limit = self.gpu.device.limits().max_texture_dimension_2d;
         if camera.width > limit || camera.height > limit {
             return Err(Error::failure(format!("GPU: a picture has at most {limit} pixels a side")));
         }
+        Ok(())
+    }
+}
+
+impl Prepared for Lights<'_> {
+    fn view(&self, camera: &Camera) -> Result<Rendering> {
+        self.check(camera)?;
+        let start = Instant::now();
         let mut pixels = self.gpu.guarded(|| self.pass.draw(&self.gpu, camera))?;
 
         // The background shows through wherever coverage is not whole.
@@ -133,68 +234,5 @@ impl Prepared for Lights<'_> {
         };
         let picture = Picture { width, height, pixels };
         Ok(Rendering { picture, variance: None, cost, adapter: Some(self.gpu.name()) })
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::scene::{Light, showcase};
-
-    /// The showcase with a third light, without its environment.
-    fn lit(width: u32, height: u32) -> Scene {
-        let mut scene = showcase::published(width, height);
-        scene.environment = None;
-        scene.background = crate::scene::Background::Colour(Vec3::new(0.1, 0.2, 0.3));
-        scene.lights.push(Light::Directional { toward: Vec3::NEG_X, irradiance: Vec3::splat(0.4) });
-        scene.lights.push(Light::Rectangle {
-            centre: Vec3::new(0.3, 1.5, 0.4),
-            edges: [Vec3::X * 0.5, Vec3::Z * 0.4],
-            radiance: Vec3::splat(2.0),
-        });
-        scene
-    }
-
-    #[test]
-    fn the_gpu_agrees_with_its_twin_on_the_cpu() {
-        let scene = lit(160, 120);
-        let rendering = match (Settings { samples: 1 }).render(&scene, &scene.camera) {
-            Ok(rendering) => rendering,
-            Err(error) if error.to_string().contains("no adapter") => return println!("skipped: {error}"),
-            Err(error) => panic!("{error}"),
-        };
-        let twin = cpu::render(&scene).unwrap();
-        let mut errors: Vec<f32> = Vec::new();
-        let mut coverage = 0;
-        for (gpu, cpu) in rendering.picture.pixels.iter().zip(&twin.pixels) {
-            if gpu.w != cpu.w {
-                coverage += 1;
-                continue;
-            }
-            let difference = (gpu - cpu).truncate().abs().max_element();
-            errors.push(difference / cpu.truncate().max_element().max(1e-3));
-        }
-        errors.sort_by(f32::total_cmp);
-        let at = |part: f32| errors[((errors.len() - 1) as f32 * part) as usize];
-        println!("coverage differs at {coverage} of {} pixels", twin.pixels.len());
-        println!("relative error: median {:e}, 99 % {:e}, largest {:e}", at(0.5), at(0.99), at(1.0));
-        assert!(coverage <= 4, "{coverage} pixels are covered in one only");
-        // A few pixels lie on an edge of the mesh, where the two may see different triangles.
-        assert!(at(0.5) < 1e-5 && at(0.99) < 1e-3, "{} {}", at(0.5), at(0.99));
-    }
-
-    #[test]
-    fn multisampled_edges_blend_with_the_background() {
-        let mut scene = lit(64, 48);
-        scene.objects.retain(|object| object.name == "ball");
-        let rendering = match Settings::default().render(&scene, &scene.camera) {
-            Ok(rendering) => rendering,
-            Err(error) if error.to_string().contains("no adapter") => return println!("skipped: {error}"),
-            Err(error) => panic!("{error}"),
-        };
-        let pixels = &rendering.picture.pixels;
-        assert!((pixels[0].truncate() - Vec3::new(0.1, 0.2, 0.3)).length() < 1e-4 && pixels[0].w == 0.0);
-        assert!(pixels.iter().any(|pixel| pixel.w > 0.0 && pixel.w < 1.0));
-        assert!(rendering.adapter.is_some());
     }
 }

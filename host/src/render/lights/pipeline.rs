@@ -1,53 +1,86 @@
-//! The draw pass of `lights`: targets, pipeline, bindings.
+//! The draw pass of `lights`: targets, pipelines, bindings.
+
+use std::ops::Range;
+use std::time::Instant;
 
 use glam::Vec4;
 use wgpu::{BufferUsages, TextureFormat, TextureUsages};
 
-use super::{Uploads, View};
+use super::upload::{Uploads, View};
+use super::{Distant, Filtering, Settings};
 use crate::error::{Error, Result};
 use crate::render::gpu::Gpu;
-use crate::scene::{Camera, Vertex};
+use crate::render::storage::Storage;
+use crate::scene::Camera;
 
 /// The shader, shared with the browser.
 const SHADER: &str = include_str!("../../../../shaders/lights.wgsl");
+/// Where there is no light from afar.
+const NOT_DISTANT: &str = "fn distant_of(object: u32, footprint: Footprint, frame: mat3x3f, wo: vec3f) -> vec3f { return vec3f(0.0); }";
 const DEPTH: TextureFormat = TextureFormat::Depth32Float;
+/// Numbers of samples that adapters may have, from the most down.
+const SAMPLES: [u32; 5] = [16, 8, 4, 2, 1];
 
 /// Everything of one scene on the device.
 pub(super) struct Pass {
-    pipeline: wgpu::RenderPipeline,
+    /// For objects that are whole, and for those with a mask.
+    pipelines: [wgpu::RenderPipeline; 2],
+    layout: wgpu::BindGroupLayout,
+    /// What light from afar reads.
+    distant: Option<wgpu::BindGroup>,
     /// What the shader reads, but for the view.
-    buffers: [wgpu::Buffer; 4],
+    buffers: [wgpu::Buffer; 8],
     lamps: usize,
-    vertices: wgpu::Buffer,
-    indices: wgpu::Buffer,
-    runs: Vec<std::ops::Range<u32>>,
+    offset: f32,
+    /// Triangles of every object, and whether it has a mask.
+    runs: Vec<(Range<u32>, bool)>,
     format: TextureFormat,
     samples: u32,
 }
 
+/// The textures that a view is drawn to.
+struct Targets {
+    picture: wgpu::Texture,
+    /// Where there is more than one sample a pixel.
+    samples: Option<wgpu::Texture>,
+    depth: wgpu::Texture,
+}
+
 impl Pass {
-    /// Uploads a scene and builds the pipeline for `samples` a pixel, or 1 where the adapter cannot.
-    pub(super) fn new(gpu: &Gpu, uploads: &Uploads, samples: u32) -> Result<Self> {
-        let wanted = [
-            (TextureFormat::Rgba32Float, samples),
-            (TextureFormat::Rgba16Float, samples),
-            (TextureFormat::Rgba32Float, 1),
-            (TextureFormat::Rgba16Float, 1),
-        ];
+    /// Uploads a scene and builds the pipelines for as many samples a pixel as wanted, or the most below that the adapter can.
+    pub(super) fn new(
+        gpu: &Gpu,
+        uploads: &Uploads,
+        settings: &Settings,
+        distant: Option<&Distant>,
+    ) -> Result<Self> {
+        let wanted: Vec<_> = (SAMPLES.into_iter().filter(|&samples| samples <= settings.samples))
+            .flat_map(|samples| {
+                [(TextureFormat::Rgba32Float, samples), (TextureFormat::Rgba16Float, samples)]
+            })
+            .collect();
         let (format, samples) =
             gpu.target(&wanted).ok_or_else(|| Error::failure("GPU: it cannot draw to float textures"))?;
         let storage = BufferUsages::STORAGE;
+        let mut layouts = vec![layout(gpu, 9)];
+        layouts.extend(distant.map(|distant| layout(gpu, distant.buffers.len() as u32)));
+        let shader = distant.map_or(NOT_DISTANT, |distant| distant.shader);
         Ok(Self {
-            pipeline: pipeline(gpu, format, samples),
+            pipelines: pipelines(gpu, &layouts, (format, samples), settings, shader),
+            distant: distant.map(|distant| bind(gpu, &layouts[1], distant.buffers.iter())),
+            layout: layouts.swap_remove(0),
             buffers: [
                 gpu.buffer("lamps", &uploads.lamps, storage)?,
-                gpu.buffer("materials", &uploads.materials.materials, storage)?,
-                gpu.buffer("texels", &uploads.materials.texels, storage)?,
-                gpu.buffer("lobes", &uploads.materials.lobes, storage)?,
+                gpu.buffer("materials", &uploads.materials, storage)?,
+                gpu.buffer("texels", &uploads.starts, storage)?,
+                gpu.buffer("coefficients", &uploads.words, storage)?,
+                gpu.buffer("vertices", uploads.vertices(), storage)?,
+                gpu.buffer("triangles", &uploads.mesh.triangles, storage)?,
+                gpu.buffer("tree", &uploads.nodes, storage)?,
+                gpu.buffer("leaves", &uploads.leaves, storage)?,
             ],
             lamps: uploads.lamps.len(),
-            vertices: gpu.buffer("vertices", &uploads.mesh.vertices, BufferUsages::VERTEX)?,
-            indices: gpu.buffer("indices", &uploads.mesh.triangles, BufferUsages::INDEX)?,
+            offset: uploads.offset,
             runs: uploads.runs.clone(),
             format,
             samples,
@@ -73,22 +106,17 @@ impl Pass {
 
     /// What the shader reads.
     fn bindings(&self, gpu: &Gpu, camera: &Camera) -> Result<wgpu::BindGroup> {
-        let view =
-            View { projection: super::projection(camera), eye: camera.position.extend(self.lamps as f32) };
+        let view = View {
+            projection: super::projection(camera),
+            eye: camera.position.extend(self.lamps as f32),
+            offset: Vec4::splat(self.offset),
+        };
         let view = gpu.buffer("view", &[view], BufferUsages::UNIFORM)?;
-        let entries: Vec<_> = (0u32..)
-            .zip(std::iter::once(&view).chain(&self.buffers))
-            .map(|(binding, buffer)| wgpu::BindGroupEntry { binding, resource: buffer.as_entire_binding() })
-            .collect();
-        Ok(gpu.device.create_bind_group(&wgpu::BindGroupDescriptor {
-            label: Some("lights"),
-            layout: &self.pipeline.get_bind_group_layout(0),
-            entries: &entries,
-        }))
+        Ok(bind(gpu, &self.layout, std::iter::once(&view).chain(&self.buffers)))
     }
 
-    /// Draws all objects and reads the picture back.
-    pub(super) fn draw(&self, gpu: &Gpu, camera: &Camera) -> Result<Vec<Vec4>> {
+    /// The textures for a view.
+    fn targets(&self, gpu: &Gpu, camera: &Camera) -> Targets {
         let texture = |label, format, samples, usage| {
             let size =
                 wgpu::Extent3d { width: camera.width, height: camera.height, depth_or_array_layers: 1 };
@@ -104,86 +132,171 @@ impl Pass {
             })
         };
         let target = TextureUsages::RENDER_ATTACHMENT;
-        let multisampled = self.samples > 1;
-        let picture = texture("picture", self.format, 1, target | TextureUsages::COPY_SRC);
-        let samples = multisampled.then(|| texture("samples", self.format, self.samples, target));
-        let depth = texture("depth", DEPTH, self.samples, target);
-        let view = |texture: &wgpu::Texture| texture.create_view(&wgpu::TextureViewDescriptor::default());
-        let (colour, depth, resolved) =
-            (view(samples.as_ref().unwrap_or(&picture)), view(&depth), view(&picture));
-        let bindings = self.bindings(gpu, camera)?;
-        let mut encoder = gpu.device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
-        {
-            let mut pass = encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
-                label: Some("lights"),
-                color_attachments: &[Some(wgpu::RenderPassColorAttachment {
-                    view: &colour,
-                    depth_slice: None,
-                    resolve_target: multisampled.then_some(&resolved),
-                    ops: wgpu::Operations {
-                        load: wgpu::LoadOp::Clear(wgpu::Color::TRANSPARENT),
-                        store: if multisampled { wgpu::StoreOp::Discard } else { wgpu::StoreOp::Store },
-                    },
-                })],
-                depth_stencil_attachment: Some(wgpu::RenderPassDepthStencilAttachment {
-                    view: &depth,
-                    depth_ops: Some(wgpu::Operations {
-                        load: wgpu::LoadOp::Clear(0.0),
-                        store: wgpu::StoreOp::Discard,
-                    }),
-                    stencil_ops: None,
-                }),
-                ..Default::default()
-            });
-            pass.set_pipeline(&self.pipeline);
-            pass.set_bind_group(0, &bindings, &[]);
-            pass.set_vertex_buffer(0, self.vertices.slice(..));
-            pass.set_index_buffer(self.indices.slice(..), wgpu::IndexFormat::Uint32);
-            for (object, run) in (0u32..).zip(&self.runs) {
-                // The instance's number tells the shader which material to take.
-                pass.draw_indexed(3 * run.start..3 * run.end, 0, object..object + 1);
+        Targets {
+            picture: texture("picture", self.format, 1, target | TextureUsages::COPY_SRC),
+            samples: (self.samples > 1).then(|| texture("samples", self.format, self.samples, target)),
+            depth: texture("depth", DEPTH, self.samples, target),
+        }
+    }
+
+    /// Draws all objects and reads the picture back.
+    pub(super) fn draw(&self, gpu: &Gpu, camera: &Camera) -> Result<Vec<Vec4>> {
+        let targets = self.targets(gpu, camera);
+        let encoder = self.encode(gpu, &targets, &self.bindings(gpu, camera)?);
+        gpu.read_texture(encoder, &targets.picture)
+    }
+
+    /// Seconds a frame, the least of `rounds` of `frames` each.
+    pub(super) fn frame_seconds(&self, gpu: &Gpu, camera: &Camera, rounds: u32, frames: u32) -> Result<f64> {
+        let (targets, bindings) = (self.targets(gpu, camera), self.bindings(gpu, camera)?);
+        let mut least = f64::INFINITY;
+        // The first frame is slower: drivers compile with it.
+        for round in 0..=rounds {
+            let frames = if round == 0 { 1 } else { frames };
+            let start = Instant::now();
+            gpu.queue.submit((0..frames).map(|_| self.encode(gpu, &targets, &bindings).finish()));
+            gpu.wait()?;
+            if round > 0 {
+                least = least.min(start.elapsed().as_secs_f64() / f64::from(frames));
             }
         }
-        gpu.read_texture(encoder, &picture)
+        Ok(least)
+    }
+
+    /// The commands that draw all objects.
+    fn encode(&self, gpu: &Gpu, targets: &Targets, bindings: &wgpu::BindGroup) -> wgpu::CommandEncoder {
+        let view = |texture: &wgpu::Texture| texture.create_view(&wgpu::TextureViewDescriptor::default());
+        let (picture, depth) = (view(&targets.picture), view(&targets.depth));
+        let samples = targets.samples.as_ref().map(view);
+        let mut encoder = gpu.device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
+        let mut pass = encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
+            label: Some("lights"),
+            color_attachments: &[Some(wgpu::RenderPassColorAttachment {
+                view: samples.as_ref().unwrap_or(&picture),
+                depth_slice: None,
+                resolve_target: samples.is_some().then_some(&picture),
+                ops: wgpu::Operations {
+                    load: wgpu::LoadOp::Clear(wgpu::Color::TRANSPARENT),
+                    store: if samples.is_some() { wgpu::StoreOp::Discard } else { wgpu::StoreOp::Store },
+                },
+            })],
+            depth_stencil_attachment: Some(wgpu::RenderPassDepthStencilAttachment {
+                view: &depth,
+                depth_ops: Some(wgpu::Operations {
+                    load: wgpu::LoadOp::Clear(0.0),
+                    store: wgpu::StoreOp::Discard,
+                }),
+                stencil_ops: None,
+            }),
+            ..Default::default()
+        });
+        pass.set_bind_group(0, bindings, &[]);
+        if let Some(distant) = &self.distant {
+            pass.set_bind_group(1, distant, &[]);
+        }
+        for (object, (run, masked)) in (0u32..).zip(&self.runs) {
+            pass.set_pipeline(&self.pipelines[usize::from(*masked)]);
+            // The instance's number tells the shader which material to take.
+            pass.draw(3 * run.start..3 * run.end, object..object + 1);
+        }
+        drop(pass);
+        encoder
     }
 }
 
-/// The pipeline for a target's format and samples.
-fn pipeline(gpu: &Gpu, format: TextureFormat, samples: u32) -> wgpu::RenderPipeline {
+/// Whole buffers as a group, in the order of their bindings.
+fn bind<'a>(
+    gpu: &Gpu,
+    layout: &wgpu::BindGroupLayout,
+    buffers: impl Iterator<Item = &'a wgpu::Buffer>,
+) -> wgpu::BindGroup {
+    let entries: Vec<_> = (0u32..)
+        .zip(buffers)
+        .map(|(binding, buffer)| wgpu::BindGroupEntry { binding, resource: buffer.as_entire_binding() })
+        .collect();
+    gpu.device.create_bind_group(&wgpu::BindGroupDescriptor {
+        label: Some("lights"),
+        layout,
+        entries: &entries,
+    })
+}
+
+/// A uniform, then storage to read, `count` in all.
+fn layout(gpu: &Gpu, count: u32) -> wgpu::BindGroupLayout {
+    let entry = |binding| wgpu::BindGroupLayoutEntry {
+        binding,
+        visibility: wgpu::ShaderStages::VERTEX_FRAGMENT,
+        ty: wgpu::BindingType::Buffer {
+            ty: match binding {
+                0 => wgpu::BufferBindingType::Uniform,
+                _ => wgpu::BufferBindingType::Storage { read_only: true },
+            },
+            has_dynamic_offset: false,
+            min_binding_size: None,
+        },
+        count: None,
+    };
+    gpu.device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor {
+        label: Some("lights"),
+        entries: &(0..count).map(entry).collect::<Vec<_>>(),
+    })
+}
+
+/// The pipelines for a target's format and samples: for objects that are whole, and for those with a mask.
+fn pipelines(
+    gpu: &Gpu,
+    layouts: &[wgpu::BindGroupLayout],
+    (format, samples): (TextureFormat, u32),
+    settings: &Settings,
+    distant: &str,
+) -> [wgpu::RenderPipeline; 2] {
     let module = gpu.device.create_shader_module(wgpu::ShaderModuleDescriptor {
         label: Some("lights.wgsl"),
-        source: wgpu::ShaderSource::Wgsl(SHADER.into()),
+        source: wgpu::ShaderSource::Wgsl(format!("{SHADER}\n{distant}").into()),
     });
-    let attributes = wgpu::vertex_attr_array![0 => Float32x3, 1 => Float32x3, 2 => Float32x4, 3 => Float32x2];
-    gpu.device.create_render_pipeline(&wgpu::RenderPipelineDescriptor {
+    let layout = gpu.device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
         label: Some("lights"),
-        layout: None,
-        vertex: wgpu::VertexState {
-            module: &module,
-            entry_point: Some("place"),
-            compilation_options: Default::default(),
-            buffers: &[Some(wgpu::VertexBufferLayout {
-                array_stride: size_of::<Vertex>() as u64,
-                step_mode: wgpu::VertexStepMode::Vertex,
-                attributes: &attributes,
-            })],
-        },
-        primitive: wgpu::PrimitiveState::default(),
-        depth_stencil: Some(wgpu::DepthStencilState {
-            format: DEPTH,
-            depth_write_enabled: Some(true),
-            depth_compare: Some(wgpu::CompareFunction::Greater),
-            stencil: Default::default(),
-            bias: Default::default(),
-        }),
-        multisample: wgpu::MultisampleState { count: samples, ..Default::default() },
-        fragment: Some(wgpu::FragmentState {
-            module: &module,
-            entry_point: Some("shade"),
-            compilation_options: Default::default(),
-            targets: &[Some(format.into())],
-        }),
-        multiview_mask: None,
-        cache: None,
+        bind_group_layouts: &layouts.iter().map(Some).collect::<Vec<_>>(),
+        ..Default::default()
+    });
+    let flag = |value: bool| f64::from(u8::from(value));
+    let constants = [
+        ("GROUP", settings.storage.group() as f64),
+        ("SCALED", flag(settings.storage == Storage::Bits8Scaled)),
+        ("COEFFICIENTS", flag(settings.filtering == Filtering::Coefficients)),
+        ("SHADED", flag(settings.filtering == Filtering::Shaded)),
+        ("ANISOTROPY", f64::from(settings.anisotropy)),
+        ("SHADOWS", flag(settings.shadows)),
+        ("SAMPLES", f64::from(samples)),
+    ];
+    let options = wgpu::PipelineCompilationOptions { constants: &constants, ..Default::default() };
+    ["shade", "shade_cut_out"].map(|shade| {
+        gpu.device.create_render_pipeline(&wgpu::RenderPipelineDescriptor {
+            label: Some("lights"),
+            layout: Some(&layout),
+            vertex: wgpu::VertexState {
+                module: &module,
+                entry_point: Some("place"),
+                compilation_options: options.clone(),
+                buffers: &[],
+            },
+            primitive: wgpu::PrimitiveState::default(),
+            depth_stencil: Some(wgpu::DepthStencilState {
+                format: DEPTH,
+                depth_write_enabled: Some(true),
+                depth_compare: Some(wgpu::CompareFunction::Greater),
+                stencil: Default::default(),
+                bias: Default::default(),
+            }),
+            multisample: wgpu::MultisampleState { count: samples, ..Default::default() },
+            fragment: Some(wgpu::FragmentState {
+                module: &module,
+                entry_point: Some(shade),
+                compilation_options: options.clone(),
+                targets: &[Some(format.into())],
+            }),
+            multiview_mask: None,
+            cache: None,
+        })
     })
 }

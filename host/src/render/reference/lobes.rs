@@ -1,4 +1,5 @@
-//! Importance sampling of the BRDF: cosine-weighted for the diffuse term, cosⁿ about the peak C'ω_o of every lobe.
+//! Importance sampling of the BRDF: cosine-weighted for the diffuse term, cosⁿ about the peak C'ω_o of every lobe, visible
+//! normals for microfacet terms.
 
 use std::f32::consts::TAU;
 
@@ -21,6 +22,12 @@ pub(super) fn sample(shader: &Shader, choice: f32, [r, s]: [f32; 2]) -> Vec3 {
             return x * (radius * cos) + y * (radius * sin) + axis * z;
         }
         left -= lobe.share;
+    }
+    for microfacet in &shader.microfacets {
+        if left < microfacet.share {
+            return microfacet.coat.sample(shader.wo, [r, s]);
+        }
+        left -= microfacet.share;
     }
     let radius = s.sqrt();
     Vec3::new(radius * cos, radius * sin, (1.0 - s).max(0.0).sqrt())

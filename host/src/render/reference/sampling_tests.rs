@@ -6,8 +6,9 @@ use std::f32::consts::{PI, TAU};
 use glam::Vec3;
 
 use super::environment::Sampled;
-use super::{lobes, rectangle};
-use crate::reflectance::{Lobe, LobeBrdf, Rgb, materials};
+use super::lobes;
+use super::rectangle::Rectangle;
+use crate::reflectance::{Lobe, LobeBrdf, Microfacet, Rgb, materials};
 use crate::render::materials::{Materials, Shader};
 use crate::render::sampler::hash;
 use crate::scene::{Environment, Material, showcase};
@@ -90,13 +91,20 @@ fn expected(shader: &Shader) -> Vec<f64> {
 #[test]
 fn lobes_are_sampled_with_their_density() {
     let lobe = |c: [f32; 3], n: f32| Lobe { rho_s: Rgb::splat(0.3), c: Vec3::from_array(c), n };
-    let with = |lobes: Vec<Lobe>| LobeBrdf { rho_d: Rgb::splat(0.05), beta: 0.5, lobes };
+    let with =
+        |lobes: Vec<Lobe>| LobeBrdf { rho_d: Rgb::splat(0.05), beta: 0.5, lobes, ..LobeBrdf::default() };
+    let coated = |alpha: f32| LobeBrdf {
+        microfacets: vec![Microfacet { f0: Rgb::splat(0.5), f90: Rgb::ONE, alpha }],
+        ..with(vec![lobe([-1.0, -1.0, 1.0], 10.0)])
+    };
     let brdfs = [
         LobeBrdf::diffuse(Rgb::splat(0.5)),
         with(vec![lobe([-1.0, -1.0, 1.0], 30.0)]),
         with(vec![lobe([-1.1, -0.4, 0.7], 12.0)]),
         with(vec![lobe([0.8, 0.6, 0.9], 5.0), lobe([-1.0, 0.9, 0.2], 2.0)]),
         with(vec![lobe([-1.0, -1.0, 1.0], 100.0), lobe([-1.0, -1.0, 0.3], 0.5)]),
+        coated(0.15),
+        coated(0.6),
         materials::published("clay").unwrap(),
         materials::published("blue-paint").unwrap(),
         materials::published("primer").unwrap(),
@@ -178,8 +186,9 @@ fn rectangles_are_sampled_evenly_over_their_solid_angle() {
     const SIDE: usize = 12;
     const PARTS: usize = 64;
     for (name, &(centre, [u, v])) in rectangles.iter().enumerate() {
-        let seen = rectangle::Seen::new(centre, [u, v], Vec3::ZERO).unwrap();
-        assert!(rectangle::Seen::new(centre, [v, u], Vec3::ZERO).is_none(), "{name} shines backwards");
+        let light = Rectangle::new(centre, [u, v]);
+        let seen = light.seen(Vec3::ZERO).unwrap();
+        assert!(Rectangle::new(centre, [v, u]).seen(Vec3::ZERO).is_none(), "{name} shines backwards");
         let cell = |x: f32| ((x * SIDE as f32) as usize).min(SIDE - 1);
         let mut counts = vec![0.0; SIDE * SIDE];
         for index in 0..SAMPLES {

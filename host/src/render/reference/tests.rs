@@ -29,7 +29,7 @@ fn scene(mesh: Mesh, brdf: LobeBrdf, position: Vec3) -> Scene {
 
 fn phong(n: f32) -> LobeBrdf {
     let lobe = Lobe { rho_s: Rgb::new(0.4, 0.3, 0.2), c: Vec3::new(-1.0, -1.0, 1.0), n };
-    LobeBrdf { rho_d: Rgb::splat(0.05), beta: 0.0, lobes: vec![lobe] }
+    LobeBrdf { rho_d: Rgb::splat(0.05), beta: 0.0, lobes: vec![lobe], ..LobeBrdf::default() }
 }
 
 fn render_with(scene: &Scene, samples: u32) -> Picture {

@@ -5,7 +5,7 @@ use glam::{Vec3, Vec4};
 
 use super::environment::{Arriving, Sampled};
 use super::lobes;
-use super::rectangle;
+use super::rectangle::{Rectangle, Seen};
 use crate::reflectance::Rgb;
 use crate::render::geometry::{Geometry, Surface};
 use crate::render::materials::{Materials, Shader};
@@ -13,8 +13,11 @@ use crate::render::sampler;
 use crate::render::shading::{self, Lamp};
 use crate::scene::{Light, Scene};
 
-/// Reflections after which roulette decides whether a path goes on.
-const CERTAIN_BOUNCES: u32 = 2;
+/// Throughput below which roulette decides whether a path goes on: light that takes many bounces is where much of the
+/// noise is, so that paths are better kept than ended as soon as they carry less than the first.
+const ROULETTE_BELOW: f32 = 1.0 / 3.0;
+/// Probability at most with which a path goes on, however much it carries.
+const MOST_SURVIVAL: f32 = 0.95;
 
 /// What the numbers of a path's bounce are for.
 mod purpose {
@@ -60,7 +63,7 @@ pub(super) struct Tracer<'a> {
     environment: Option<Sampled<'a>>,
     /// Lights without extent.
     lamps: Vec<Lamp>,
-    rectangles: Vec<(Vec3, [Vec3; 2], Rgb)>,
+    rectangles: Vec<(Rectangle, Rgb)>,
     /// Reflections at most.
     bounces: u32,
 }
@@ -71,7 +74,7 @@ impl<'a> Tracer<'a> {
         let is_rectangle = |light: &Light| matches!(light, Light::Rectangle { .. });
         let points: Vec<Light> = scene.lights.iter().filter(|light| !is_rectangle(light)).copied().collect();
         let rectangles = scene.lights.iter().filter_map(|light| match *light {
-            Light::Rectangle { centre, edges, radiance } => Some((centre, edges, radiance)),
+            Light::Rectangle { centre, edges, radiance } => Some((Rectangle::new(centre, edges), radiance)),
             _ => None,
         });
         Self {
@@ -94,61 +97,81 @@ impl<'a> Tracer<'a> {
     pub(super) fn path(
         &self,
         numbers: &Numbers,
-        (mut origin, mut direction): (Vec3, Vec3),
+        (origin, direction): (Vec3, Vec3),
         shader: &mut Shader,
         rays: &mut u64,
     ) -> Vec4 {
-        let (mut radiance, mut throughput, mut coverage) = (Rgb::ZERO, Rgb::ONE, 0.0);
-        // The camera's ray is certain.
-        let mut drawn: Option<Drawn> = None;
-        for bounce in 0..=self.bounces {
-            *rays += 1;
-            let Some(hit) = self.geometry.nearest(origin, direction) else {
-                radiance += throughput * self.beyond(direction, drawn);
-                break;
-            };
-            if bounce == 0 {
-                coverage = 1.0;
-            }
-            let object = self.geometry.object(&hit);
-            if let Some(emission) = self.materials.emission(object) {
-                if self.geometry.front(&hit, direction) {
-                    radiance += throughput * emission * self.weight_of_rectangle(object, drawn);
-                }
-                break;
-            }
-            if bounce == self.bounces {
-                break;
-            }
-            let surface = self.geometry.surface(&hit, origin, direction);
-            let texel = self.materials.choose(object, surface.uv, numbers.at(bounce, purpose::TEXEL));
-            shader.aim(&self.materials, texel, surface.to_local(-direction), true);
-            radiance += throughput * self.direct(numbers, bounce, &surface, shader, rays);
+        *rays += 1;
+        let Some(hit) = self.geometry.nearest(origin, direction) else {
+            return shading::background(self.scene, direction).extend(0.0);
+        };
+        let object = self.geometry.object(&hit);
+        if let Some(emission) = self.materials.emission(object) {
+            let shines = self.geometry.front(&hit, direction);
+            return if shines { emission } else { Rgb::ZERO }.extend(1.0);
+        }
+        let surface = self.geometry.surface(&hit, origin, direction);
+        self.aim(numbers, 0, &surface, direction, shader);
+        let direct = self.direct(numbers, 0, &surface, shader, rays);
+        (direct + self.continued(numbers, surface, shader, rays)).extend(1.0)
+    }
 
-            let [choice, roulette] = numbers.at(bounce, purpose::CHOICE);
+    /// Makes the reflectance of a surface ready, as the end of a ray sees it.
+    fn aim(&self, numbers: &Numbers, bounce: u32, surface: &Surface, direction: Vec3, shader: &mut Shader) {
+        let texel = self.materials.only(surface.object).unwrap_or_else(|| {
+            self.materials.choose(surface.object, surface.uv, numbers.at(bounce, purpose::TEXEL))
+        });
+        shader.aim(&self.materials, texel, surface.to_local(-direction), true);
+    }
+
+    /// Radiance that a surface reflects toward the viewer whom `shader` is aimed at, but for what [`Self::direct`] finds.
+    fn continued(&self, numbers: &Numbers, mut surface: Surface, shader: &mut Shader, rays: &mut u64) -> Rgb {
+        let (mut radiance, mut throughput) = (Rgb::ZERO, Rgb::ONE);
+        for bounce in 0..self.bounces {
+            // The first bounce of a diffuse surface has nothing to choose.
+            let diffuse = shader.lobes.is_empty() && shader.microfacets.is_empty();
+            let chooses = bounce > 0 || !diffuse;
+            let [choice, roulette] = if chooses { numbers.at(bounce, purpose::CHOICE) } else { [0.0; 2] };
             let wi = lobes::sample(shader, choice, numbers.at(bounce, purpose::LOBE));
-            direction = surface.to_world(wi);
+            let direction = surface.to_world(wi);
             if wi.z <= 0.0 || surface.geometric.dot(direction) <= 0.0 {
                 break;
             }
             let (reflectance, density) = shader.eval_and_density(wi);
             throughput *= reflectance * (wi.z / density);
-            if bounce >= CERTAIN_BOUNCES {
-                let survival = throughput.max_element().min(0.95);
+            if bounce > 0 {
+                let survival = (throughput.max_element() / ROULETTE_BELOW).min(MOST_SURVIVAL);
                 if roulette >= survival {
                     break;
                 }
                 throughput /= survival;
             }
-            drawn = Some(Drawn { density, from: surface.position });
-            origin = self.geometry.leaving(&surface);
+            let drawn = Drawn { density, from: surface.position };
+            let origin = self.geometry.leaving(&surface);
+            *rays += 1;
+            let Some(hit) = self.geometry.nearest(origin, direction) else {
+                radiance += throughput * self.beyond(direction, &drawn);
+                break;
+            };
+            let object = self.geometry.object(&hit);
+            if let Some(emission) = self.materials.emission(object) {
+                if self.geometry.front(&hit, direction) {
+                    radiance += throughput * emission * self.weight_of_rectangle(object, &drawn);
+                }
+                break;
+            }
+            if bounce + 1 == self.bounces {
+                break;
+            }
+            surface = self.geometry.surface(&hit, origin, direction);
+            self.aim(numbers, bounce + 1, &surface, direction, shader);
+            radiance += throughput * self.direct(numbers, bounce + 1, &surface, shader, rays);
         }
-        radiance.extend(coverage)
+        radiance
     }
 
     /// What a ray that meets nothing brings.
-    fn beyond(&self, direction: Vec3, drawn: Option<Drawn>) -> Rgb {
-        let Some(drawn) = drawn else { return shading::background(self.scene, direction) };
+    fn beyond(&self, direction: Vec3, drawn: &Drawn) -> Rgb {
         self.environment.as_ref().map_or(Rgb::ZERO, |environment| {
             let arriving = environment.arriving(direction);
             arriving.radiance * power_heuristic(drawn.density, arriving.density)
@@ -156,15 +179,13 @@ impl<'a> Tracer<'a> {
     }
 
     /// The weight of a rectangular light that a ray has met.
-    fn weight_of_rectangle(&self, object: u32, drawn: Option<Drawn>) -> f32 {
-        let Some(drawn) = drawn else { return 1.0 };
-        let (centre, edges, _) = self.rectangles[object as usize - self.scene.objects.len()];
-        rectangle::Seen::new(centre, edges, drawn.from)
-            .map_or(1.0, |seen| power_heuristic(drawn.density, self.density_of(&seen)))
+    fn weight_of_rectangle(&self, object: u32, drawn: &Drawn) -> f32 {
+        let (light, _) = &self.rectangles[object as usize - self.scene.objects.len()];
+        light.seen(drawn.from).map_or(1.0, |seen| power_heuristic(drawn.density, self.density_of(&seen)))
     }
 
     /// Density with which a rectangle's directions are drawn: one rectangle of all, evenly over its solid angle.
-    fn density_of(&self, seen: &rectangle::Seen) -> f32 {
+    fn density_of(&self, seen: &Seen<'_>) -> f32 {
         1.0 / (seen.solid_angle() * self.rectangles.len() as f32)
     }
 
@@ -189,12 +210,12 @@ impl<'a> Tracer<'a> {
         if !self.rectangles.is_empty() {
             let [r, s] = numbers.at(bounce, purpose::RECTANGLE);
             let place = r * self.rectangles.len() as f32;
-            let (centre, edges, emission) = self.rectangles[place as usize];
-            if let Some(seen) = rectangle::Seen::new(centre, edges, surface.position) {
+            let (light, emission) = &self.rectangles[place as usize];
+            if let Some(seen) = light.seen(surface.position) {
                 let to = seen.sample([place.fract(), s]);
                 let distance = to.length();
                 let (direction, density) = (to / distance, self.density_of(&seen));
-                let arriving = Arriving { direction, radiance: emission, density };
+                let arriving = Arriving { direction, radiance: *emission, density };
                 radiance += self.reflected(surface, shader, &arriving, distance, rays);
             }
         }

@@ -76,6 +76,10 @@ impl RigConfig {
             ("simulator.read_noise_e", simulator.read_noise_e, NOT_NEGATIVE),
             ("simulator.dark_e_s", simulator.dark_e_s, NOT_NEGATIVE),
         ];
+        // At most half way round.
+        let least_radius = self.carrier.sample_width_mm / std::f64::consts::PI;
+        let radius = self.carrier.cylinder_radius_mm;
+        ranges.extend(radius.map(|r| ("carrier.cylinder_radius_mm", r, least_radius..=1e6)));
         ranges.extend(camera.focal_px.map(|f| ("camera.focal_px", f, POSITIVE)));
         ranges.extend(camera.responsivity.map(|r| ("camera.responsivity", r, POSITIVE)));
         ranges.extend(lamp.radiance.map(|l| ("lamp.radiance", l, POSITIVE)));
@@ -300,6 +304,7 @@ mod tests {
             refused(|rig| rig.carrier.tags[3].x_mm = rig.carrier.tags[2].x_mm + 5.0).contains("over the tag")
         );
         assert!(refused(|rig| rig.carrier.sample_width_mm = 640.0).contains("on the sample"));
+        assert!(refused(|rig| rig.carrier.cylinder_radius_mm = Some(20.0)).contains("cylinder_radius_mm"));
         assert!(refused(|rig| rig.camera.max_exposure_s = 1e-5).contains("max_exposure_s"));
     }
 }

@@ -2,7 +2,10 @@
 //! and light, pixel by pixel of the mosaic, and how far the two pictures are apart.
 //!
 //! Both are judged in the same interpolation, inside the sample's outline. Colours are relative to a perfect diffuser at the
-//! same point under the same light, so that neither the lamp's colour nor its distance counts.
+//! same point under the same light, so that neither the lamp's colour nor its distance counts. The sample may lie flat, as
+//! it did when it was measured, or be bent over a cylinder.
+
+mod surface;
 
 use std::f64::consts::PI;
 use std::ops::Range;
@@ -25,8 +28,9 @@ use crate::page::scale::Scale;
 use crate::progress;
 use crate::reflectance::{Rgb, SbrdfMap, colour};
 use crate::rig::config::RigConfig;
-use crate::rig::geometry::pose_geometry;
+use crate::rig::geometry::{camera_position, pose_geometry};
 use crate::sampled::PoseGeometry;
+use surface::SurfacePoint;
 
 /// The colour difference at the bright end of the pictures of differences.
 const BRIGHTEST_DELTA_E: f64 = 10.0;
@@ -150,6 +154,7 @@ pub fn chart(photographs: &Photographs, map: &SbrdfMap, compared: &[ComparedPose
             most.into(),
         ]);
     }
+    let cylinder = photographs.run.rig.carrier.cylinder_radius_mm;
     let points = |value: fn(&Difference) -> f64| {
         let points = compared.iter().map(|pose| [pose.half_deg, value(&pose.difference)]).collect();
         let labels = compared.iter().map(|pose| format!("pose {}", pose.pose)).collect();
@@ -167,7 +172,10 @@ pub fn chart(photographs: &Photographs, map: &SbrdfMap, compared: &[ComparedPose
     ];
     let section = Section {
         title: "Photographs and renderings".into(),
-        text: "The poses with the best, the median and the worst PSNR. A perfect diffuser under the same light is white; what is brighter is clipped.".into(),
+        text: format!(
+            "The poses with the best, the median and the worst PSNR. A perfect diffuser {} is white; what is brighter is clipped.",
+            if cylinder.is_some() { "that faces the light" } else { "under the same light" }
+        ),
         pictures: shots,
         ..Section::default()
     };
@@ -181,7 +189,11 @@ pub fn chart(photographs: &Photographs, map: &SbrdfMap, compared: &[ComparedPose
     Ok(Chart {
         name: "compare".into(),
         title: "Photographs against the fitted map".into(),
-        lead: "Each pose was rendered from the fitted map with the rig's own camera and light, where the photograph's registration puts the sample.".into(),
+        lead: format!(
+            "Each pose was rendered from the fitted map with the rig's own camera and light, where the photograph's registration puts the sample{}.",
+            cylinder
+                .map_or_else(String::new, |radius| format!(", bent over a cylinder of radius {radius} mm"))
+        ),
         sections: vec![section, numbers],
     })
 }
@@ -195,14 +207,16 @@ fn pictures(
     let (photograph, Ok(registration)) = photographs.pose(pose)? else { return Ok(None) };
     let config = &photographs.run.rig;
     let geometry = pose_geometry(config, &registration.pose, photographs.run.plan.angles(pose).light);
-    let place = |x: f64, y: f64| place_mm(config, &registration, DVec2::new(x, y));
-    let rendering = render(config, map, &geometry, &photograph, place);
+    let seen = |x: f64, y: f64| {
+        let plane = registration.homography.invert(camera::to_normalised(&config.camera, DVec2::new(x, y)));
+        SurfacePoint::seen(&config.carrier, geometry.camera_mm, plane)
+    };
+    let rendering = render(config, map, &geometry, &photograph, seen);
     let [across, down] = surroundings(config, &registration);
     let planes = [BayerPlanes::new(&photograph), BayerPlanes::new(&rendering)];
     let pixel = |column: usize, row: usize| {
         let at = DVec2::new(2.0 * column as f64 + 0.5, 2.0 * row as f64 + 0.5);
-        let place = place(at.x, at.y)?;
-        let white = reflectance::irradiance_factor(config, &geometry, place.extend(0.0)) / PI;
+        let white = white(config, &geometry, &seen(at.x, at.y)?);
         let [photographed, rendered] = planes.each_ref().map(|planes| {
             let radiance = planes.sample(at);
             Rgb::from_array(std::array::from_fn(|c| radiance[c] / (config.lamp.radiance[c] * white) as f32))
@@ -216,25 +230,32 @@ fn pictures(
     Ok(Some((geometry, Pictures { columns, pixels, relative_rms })))
 }
 
-/// The point of the sample that a pixel sees, mm; `None` beside the sample.
-fn place_mm(config: &RigConfig, registration: &Registration, pixel: DVec2) -> Option<DVec2> {
-    let place = registration.homography.invert(camera::to_normalised(&config.camera, pixel));
-    let half = DVec2::new(config.carrier.sample_width_mm, config.carrier.sample_height_mm) / 2.0;
-    place.abs().cmple(half).all().then_some(place)
+/// Radiance of a white pixel, divided by the lamp's: that of a perfect diffuser at the point, which on a cylinder faces the
+/// light, so that the cylinder's own shading is seen.
+fn white(config: &RigConfig, geometry: &PoseGeometry, point: &SurfacePoint) -> f64 {
+    let (toward, solid_angle) = reflectance::light_from(config, geometry, point.position_mm);
+    let cosine = if config.carrier.cylinder_radius_mm.is_some() { 1.0 } else { toward.z.max(0.0) };
+    cosine * solid_angle / PI
 }
 
-/// Columns and rows, in pairs of pixels, that hold the sample's outline.
+/// Columns and rows, in pairs of pixels, that hold the sample.
 fn surroundings(config: &RigConfig, registration: &Registration) -> [Range<usize>; 2] {
     let half = DVec2::new(config.carrier.sample_width_mm, config.carrier.sample_height_mm) / 2.0;
-    let corners = [(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)]
-        .map(|(x, y)| registration.pixel(config, half * DVec2::new(x, y)));
-    let range = |values: [f64; 4], pixels: usize| {
+    let camera_mm = camera_position(config);
+    let pixel = |x: i32, y: f64| {
+        let flat = half * DVec2::new(f64::from(x) / 4.0, y);
+        let bench = registration.pose.into_bench(SurfacePoint::at(&config.carrier, flat).position_mm);
+        camera::to_pixel(&config.camera, camera::project(camera_mm, bench))
+    };
+    // A cylinder's outline may lie between its edges.
+    let outline: Vec<DVec2> = (-4..=4).flat_map(|x| [pixel(x, -1.0), pixel(x, 1.0)]).collect();
+    let range = |value: fn(&DVec2) -> f64, pixels: usize| {
         let (low, high) =
-            values.iter().fold((f64::MAX, f64::MIN), |(low, high), &v| (low.min(v), high.max(v)));
+            outline.iter().map(value).fold((f64::MAX, f64::MIN), |(low, high), v| (low.min(v), high.max(v)));
         let pair = |value: f64| ((value / 2.0).max(0.0) as usize).min(pixels / 2);
         pair(low - 4.0)..pair(high + 4.0)
     };
-    [range(corners.map(|c| c.x), config.camera.width), range(corners.map(|c| c.y), config.camera.height)]
+    [range(|p| p.x, config.camera.width), range(|p| p.y, config.camera.height)]
 }
 
 /// The mosaic that the camera would see of the map: radiance for the nominal lamp, NaN beside the sample.
@@ -243,27 +264,29 @@ fn render(
     map: &SbrdfMap,
     geometry: &PoseGeometry,
     photograph: &MosaicRadiance,
-    place: impl Fn(f64, f64) -> Option<DVec2>,
+    seen: impl Fn(f64, f64) -> Option<SurfacePoint>,
 ) -> MosaicRadiance {
     let (width, height) = (photograph.width, photograph.height);
     let value = |index: usize| {
         let (x, y) = (index % width, index / width);
-        let Some(place) = place(x as f64, y as f64) else { return f32::NAN };
-        let place = place.extend(0.0);
-        let towards = |point: DVec3| (point - place).normalize().as_vec3();
-        let (wi, wo) = (towards(geometry.light_mm), towards(geometry.camera_mm));
+        let Some(point) = seen(x as f64, y as f64) else { return f32::NAN };
+        let (toward, solid_angle) = reflectance::light_from(config, geometry, point.position_mm);
+        let wi = point.local(toward);
+        if wi.z <= 0.0 {
+            return 0.0;
+        }
+        let wo = point.local((geometry.camera_mm - point.position_mm).normalize()).as_vec3();
         let channel = bayer_channel(x, y);
-        let irradiance =
-            config.lamp.radiance[channel] * reflectance::irradiance_factor(config, geometry, place);
-        let neighbours = neighbours(map, config.carrier.texel_mm(), place);
-        let f: f32 = neighbours.map(|(texel, weight)| weight * map.eval(texel, wi, wo)[channel]).iter().sum();
-        f * irradiance as f32
+        let irradiance = config.lamp.radiance[channel] * wi.z * solid_angle;
+        let neighbours = neighbours(map, config.carrier.texel_mm(), point.flat_mm);
+        let reflected = |(texel, weight)| weight * map.eval(texel, wi.as_vec3(), wo)[channel];
+        neighbours.map(reflected).iter().sum::<f32>() * irradiance as f32
     };
     MosaicRadiance { width, height, data: (0..width * height).map(value).collect() }
 }
 
 /// The four texels about a place and their bilinear weights.
-fn neighbours(map: &SbrdfMap, texel_mm: f64, place: DVec3) -> [(usize, f32); 4] {
+fn neighbours(map: &SbrdfMap, texel_mm: f64, place: DVec2) -> [(usize, f32); 4] {
     let column = place.x / texel_mm + map.width as f64 / 2.0 - 0.5;
     let row = map.height as f64 / 2.0 - place.y / texel_mm - 0.5;
     let (left, top) = (column.floor(), row.floor());
@@ -365,7 +388,7 @@ mod tests {
         for (place, own) in
             [((-0.75, 0.25), Some(0)), ((0.75, -0.25), Some(7)), ((0.1, 0.1), None), ((-1.0, 0.5), Some(0))]
         {
-            let weights = neighbours(&map, 0.5, DVec3::new(place.0, place.1, 0.0));
+            let weights = neighbours(&map, 0.5, DVec2::new(place.0, place.1));
             assert!((weights.iter().map(|w| w.1).sum::<f32>() - 1.0).abs() < 1e-6);
             if let Some(own) = own {
                 let share: f32 = weights.iter().filter(|w| w.0 == own).map(|w| w.1).sum();

@@ -1,0 +1,276 @@
+//! Prefiltered environments: their maps against quadrature by exponent, and pictures by them against the path tracer by exponent and
+//! by angle (stability case G13: wide lobes near the horizon).
+
+use std::sync::Arc;
+use std::time::Instant;
+
+use glam::{Affine3A, Vec3};
+
+use super::{Axis, Chart, Picture, Plot, Section, Series, Table};
+use crate::error::Result;
+use crate::progress;
+use crate::reflectance::{Lobe, LobeBrdf, Rgb};
+use crate::render::compare::relative_rmse;
+use crate::render::environment::quadrature::map_error;
+use crate::render::environment::{Encoding, Prefiltered, Settings};
+use crate::render::{self, Renderer, reference};
+use crate::scene::{Background, Camera, Environment, Material, Object, Scene, shapes};
+
+/// Exponents at which maps are judged: powers of two and what lies between them.
+pub(crate) const MAP_EXPONENTS: [f32; 12] =
+    [1.0, 1.4, 2.8, 5.5, 11.0, 22.0, 45.0, 88.0, 170.0, 350.0, 700.0, 1000.0];
+/// Directions in which they are.
+pub(crate) const DIRECTIONS: usize = 128;
+/// Exponents of the ball's lobe.
+const EXPONENTS: [f32; 13] = [1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0, 10.0, 20.0, 50.0, 100.0];
+/// Those that are shown by angle.
+const BY_ANGLE: [f32; 4] = [1.0, 3.0, 10.0, 50.0];
+/// That of the pictures.
+const SHOWN: f32 = 3.0;
+/// Widths of the classes of angles, degrees.
+const CLASS_DEG: f32 = 10.0;
+
+/// Judges the maps and the pictures of environments at a relative error of the maps, with pictures of so many pixels a row.
+///
+/// # Errors
+/// Input errors for settings out of range.
+pub fn chart(environments: &[(String, Environment)], map_error: f32, width: u32, seed: u64) -> Result<Chart> {
+    let settings = Settings { map_error, seed, ..Settings::default() };
+    let pictures = environments.len() * EXPONENTS.len();
+    let bar = progress::bar("environment", (2 * environments.len() + pictures) as u64, "steps");
+    let mut sections = vec![maps(environments, &settings, &bar)?];
+    for (name, environment) in environments {
+        sections.push(images(name, environment, &settings, width, &bar)?);
+    }
+    Ok(Chart {
+        name: "environment".into(),
+        title: "Prefiltered environments".into(),
+        lead: format!(
+            "Errors are relative, the difference over √(b² + ε²), b the truth and ε a tenth of its mean. Maps are made for an error \
+             of {} %.",
+            100.0 * map_error
+        ),
+        sections,
+    })
+}
+
+/// The maps by exponent.
+fn maps(environments: &[(String, Environment)], settings: &Settings, bar: &progress::Bar) -> Result<Section> {
+    let mut table =
+        Table::new(["environment", "encoding", "maps", "MB", "seconds", "RMS, worst n", "largest"]);
+    let mut plots = Vec::new();
+    for (encoding, name) in [(Encoding::Slices, "slices"), (Encoding::Mips, "MIP levels")] {
+        let mut series = Vec::new();
+        for (place, environment) in environments {
+            let start = Instant::now();
+            let maps = Prefiltered::on_cpu(environment, (1.0, 1000.0), encoding, settings.map_error)?;
+            let seconds = start.elapsed().as_secs_f64();
+            let errors = MAP_EXPONENTS.map(|n| map_error(&maps, environment, n, DIRECTIONS));
+            let most = |values: [f64; 12]| values.into_iter().fold(0.0, f64::max);
+            table.row([
+                place.as_str().into(),
+                name.into(),
+                maps.exponents().count().into(),
+                (maps.bytes() as f64 / 1e6).into(),
+                seconds.into(),
+                most(errors.map(|error| error.rms)).into(),
+                most(errors.map(|error| error.largest)).into(),
+            ]);
+            let points = MAP_EXPONENTS.iter().zip(errors).map(|(&n, error)| [f64::from(n), error.rms]);
+            series.push(Series::new(place.as_str(), points.collect()));
+            bar.advance(1);
+        }
+        plots.push(Plot {
+            title: format!("Error of the maps by exponent: {name}"),
+            x: Axis::log("exponent n"),
+            y: Axis::log("relative RMS error"),
+            series,
+        });
+    }
+    Ok(Section {
+        title: "Maps against quadrature".into(),
+        text: format!(
+            "S(ω, n) from the maps for n from 1 to 1000, against midpoint quadrature of the bilinear image in {DIRECTIONS} directions, half of \
+             them anywhere and half about the brightest light. Memory and time are those of all maps, D(N) included."
+        ),
+        plots,
+        tables: vec![table],
+        ..Section::default()
+    })
+}
+
+/// A grey ball with one lobe of an exponent in an environment, before black.
+fn ball(environment: &Environment, n: f32, width: u32) -> Scene {
+    let lobe =
+        Lobe { rho_s: Rgb::splat((n + 2.0) / std::f32::consts::TAU), c: Vec3::new(-1.0, -1.0, 1.0), n };
+    let brdf = LobeBrdf { lobes: vec![lobe], ..LobeBrdf::default() };
+    Scene {
+        objects: vec![Object {
+            name: "ball".into(),
+            mesh: Arc::new(shapes::sphere(256, 128)),
+            transform: Affine3A::IDENTITY,
+            material: Material::uniform(brdf),
+        }],
+        lights: vec![],
+        environment: Some(environment.clone()),
+        background: Background::Colour(Rgb::ZERO),
+        camera: Camera {
+            position: Vec3::new(0.0, 1.5, 6.0),
+            target: Vec3::ZERO,
+            up: Vec3::Y,
+            fov: 0.34,
+            width,
+            height: width,
+        },
+        animation: None,
+        exposure: 1.0,
+    }
+}
+
+/// The angle between normal and view on the unit ball at every pixel's centre, degrees; none beside it.
+fn angles(camera: &Camera) -> Vec<Option<f32>> {
+    let [right, up, forward] = camera.basis();
+    let scale = (camera.fov / 2.0).tan();
+    let at = |index: u32, size: u32| ((index as f32 + 0.5) / size as f32 * 2.0 - 1.0) * scale;
+    let angle = |index: u32| {
+        let (x, y) = (at(index % camera.width, camera.width), at(index / camera.width, camera.height));
+        let direction = (forward + right * x - up * y).normalize();
+        let nearest = camera.position.dot(direction);
+        let inside = nearest * nearest - camera.position.length_squared() + 1.0;
+        // The cosine is that of the half chord.
+        (inside > 0.0).then(|| inside.sqrt().min(1.0).acos().to_degrees())
+    };
+    (0..camera.width * camera.height).map(angle).collect()
+}
+
+/// Pictures of one environment by exponent and angle.
+fn images(
+    name: &str,
+    environment: &Environment,
+    settings: &Settings,
+    width: u32,
+    bar: &progress::Bar,
+) -> Result<Section> {
+    let variants = [
+        ("corrected", *settings),
+        ("cosine at the peak", Settings { horizon: false, ..*settings }),
+        ("corrected, MIP levels", Settings { encoding: Encoding::Mips, ..*settings }),
+    ];
+    let judge = reference::Settings {
+        samples: 4096,
+        max_error: Some(0.003),
+        bounces: 1,
+        seed: settings.seed ^ 0x5eed,
+        ..Default::default()
+    };
+    let mut by_exponent: [Vec<[f64; 2]>; 3] = Default::default();
+    let mut by_angle = Vec::new();
+    let mut table = Table::new(["n", "corrected", "cosine at the peak", "corrected, MIP levels", "noise"]);
+    let mut pictures = Vec::new();
+    for n in EXPONENTS {
+        let scene = ball(environment, n, width);
+        let angles = angles(&scene.camera);
+        let truth = judge.render(&scene, &scene.camera)?;
+        let mut errors = [0.0; 3];
+        for (k, (variant, settings)) in variants.iter().enumerate() {
+            let picture = settings.render(&scene, &scene.camera)?.picture;
+            // Over the pixels of the ball whose angle lies in a range.
+            let error = |low: f32, high: f32| {
+                let inside = |angle: &Option<f32>| angle.is_some_and(|angle| (low..high).contains(&angle));
+                error_where(&picture, &truth.picture, angles.iter().map(inside))
+            };
+            errors[k] = error(0.0, 90.0);
+            by_exponent[k].push([f64::from(n), errors[k]]);
+            if k < 2 && BY_ANGLE.contains(&n) {
+                let classes = (0..9).map(|class| CLASS_DEG * class as f32);
+                let points = classes.map(|low| [f64::from(low + 5.0), error(low, low + CLASS_DEG)]);
+                by_angle.push(Series::new(format!("n = {n}, {variant}"), points.collect()));
+            }
+            if k < 2 && n == SHOWN {
+                let exposure = 0.5 / truth.picture.rgb(width as usize / 2, width as usize / 2).max_element();
+                if k == 0 {
+                    pictures.push(shown(format!("n = {n}, the path tracer"), &truth.picture, exposure)?);
+                }
+                pictures.push(shown(format!("n = {n}, {variant}"), &picture, exposure)?);
+            }
+        }
+        let noise = truth.estimated_error().unwrap_or_default();
+        let [corrected, peak, mips] = errors.map(Into::into);
+        table.row([f64::from(n).into(), corrected, peak, mips, noise.into()]);
+        bar.advance(1);
+    }
+    let by_exponent =
+        variants.iter().zip(by_exponent).map(|((variant, _), points)| Series::new(*variant, points));
+    Ok(Section {
+        title: format!("Pictures: {name}"),
+        text: "A ball with one lobe, C = (−1, −1, 1), rendered by the maps and by the path tracer: relative RMSE over its pixels. `cosine at the peak` is \
+               (6.18) as published; `corrected` takes factor, centroid and width of the lobe above the horizon."
+            .into(),
+        plots: vec![
+            Plot {
+                title: "By exponent".into(),
+                x: Axis::log("exponent n"),
+                y: Axis::log("relative RMSE"),
+                series: by_exponent.collect(),
+            },
+            Plot {
+                title: "By angle".into(),
+                x: Axis::linear("angle between view and normal, degrees"),
+                y: Axis::log("relative RMSE"),
+                series: by_angle,
+            },
+        ],
+        pictures,
+        tables: vec![table],
+    })
+}
+
+/// The relative RMSE over some of the pixels, ε by all of them that the ball covers.
+fn error_where(
+    picture: &render::Picture,
+    truth: &render::Picture,
+    inside: impl Iterator<Item = bool>,
+) -> f64 {
+    let pixels = picture.pixels.iter().zip(&truth.pixels).zip(inside);
+    let covered = truth.pixels.iter().filter(|pixel| pixel.w > 0.99).map(|pixel| pixel.truncate());
+    relative_rmse(
+        covered,
+        pixels
+            .filter(|((a, b), inside)| *inside && a.w > 0.99 && b.w > 0.99)
+            .map(|((a, b), _)| (a.truncate(), b.truncate())),
+    )
+}
+
+fn shown(title: String, picture: &render::Picture, exposure: f32) -> Result<Picture> {
+    Ok(Picture { title, png: picture.png(exposure)? })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_centre_of_the_ball_is_seen_at_no_angle_and_its_rim_at_ninety_degrees() {
+        let environment = Environment::uniform(Rgb::ONE);
+        let camera = ball(&environment, 1.0, 65).camera;
+        let angles = angles(&camera);
+        assert!(angles[32 * 65 + 32].unwrap() < 0.5);
+        let largest = angles.iter().flatten().copied().fold(0.0, f32::max);
+        assert!(largest > 80.0 && angles[0].is_none(), "{largest}");
+    }
+
+    #[test]
+    fn in_even_light_the_correction_leaves_noise_alone_and_the_peak_s_cosine_does_not() {
+        let environment = Environment::uniform(Rgb::ONE);
+        let settings = Settings { map_error: 0.1, ..Settings::default() };
+        let scene = ball(&environment, 2.0, 16);
+        let judge = reference::Settings { samples: 256, bounces: 1, ..Default::default() };
+        let truth = judge.render(&scene, &scene.camera).unwrap().picture;
+        let error = |settings: Settings| {
+            let picture = settings.render(&scene, &scene.camera).unwrap().picture;
+            error_where(&picture, &truth, angles(&scene.camera).iter().map(Option::is_some))
+        };
+        let (corrected, peak) = (error(settings), error(Settings { horizon: false, ..settings }));
+        assert!(corrected < 0.03 && peak > 0.1, "{corrected} {peak}");
+    }
+}

@@ -1,0 +1,197 @@
+//! One measured table into lobes, and a microfacet term where that predicts better, wavelength by wavelength.
+
+use std::fmt::Write as _;
+use std::path::Path;
+use std::time::Instant;
+
+use super::{AUTO_LOBES, DeviceName, FitArgs, FitOutcome, Lobes, MethodName, ModelName, print, write_map};
+use crate::error::{Error, Result};
+use crate::fit::table::{self, Size, TableOptions, Take, WavelengthFit};
+use crate::fit::{Method, Residual};
+use crate::reflectance::{MeasuredTable, Rgb, SbrdfMap};
+
+/// Wavelengths that stand for blue, green and red, nm.
+const WAVELENGTHS_NM: [f64; 3] = [450.0, 550.0, 650.0];
+/// Most lobes beside a microfacet term that `auto` tries.
+const MOST_BESIDE: usize = 3;
+
+/// Fits the table at `input`.
+pub(super) fn fit(args: &FitArgs, input: &Path, seed: u64) -> Result<FitOutcome> {
+    if args.chunks.is_some() || args.mip {
+        return Err(Error::input("--chunks and --mip are for sampled SBRDFs (.zarr)"));
+    }
+    if args.device == DeviceName::Gpu {
+        return Err(Error::input("--device gpu is for sampled SBRDFs (.zarr); tables are fitted on the CPU"));
+    }
+    if args.diffuse_percentile.is_some() || args.separate_channels {
+        return Err(Error::input(
+            "--diffuse-percentile and --separate-channels are for sampled SBRDFs (.zarr)",
+        ));
+    }
+    let method = match args.method {
+        MethodName::LineSearch => Method::LineSearch,
+        MethodName::Auto | MethodName::Lm => Method::Lm,
+        MethodName::Separable => {
+            return Err(Error::input(
+                "--method separable is for sampled SBRDFs (.zarr); tables are fitted by lm",
+            ));
+        }
+    };
+    let options = TableOptions {
+        method,
+        residual: args.residual(Residual::Balanced),
+        hold_out_theta_deg: args.hold_out_theta_deg.clone(),
+        random_starts: args.random_starts,
+        seed,
+        conserve_energy: args.conserve_energy,
+    };
+    let measured = MeasuredTable::read(input).map_err(|error| Error::input(error.to_string()))?;
+    let wavelengths_nm = match (&args.wavelengths_nm[..], &measured.wavelengths_nm[..]) {
+        ([], [only]) => vec![*only],
+        ([], _) => WAVELENGTHS_NM.to_vec(),
+        (named, _) => named.to_vec(),
+    };
+    if args.output.is_some() && !matches!(wavelengths_nm.len(), 1 | 3) {
+        return Err(Error::input(format!(
+            "-o writes red, green and blue, or grey: give one or three --wavelengths-nm, not {}",
+            wavelengths_nm.len()
+        )));
+    }
+    let (sizes, take) = sizes(args, method);
+    let start = Instant::now();
+    let fits = table::fit(&measured, &wavelengths_nm, &sizes, take, &options)
+        .map_err(|error| error.at(input.display()))?;
+    let seconds = start.elapsed().as_secs_f64();
+    print(&described(&measured, &fits, &options, seconds)?)?;
+    if let Some(output) = &args.output {
+        write_map(&table_map(&fits, &options), output)?;
+    }
+    let mut outcome = FitOutcome { errors: table::figures(&fits, &options), ..FitOutcome::default() };
+    outcome.figures.insert("rows".into(), measured.rows.len().into());
+    outcome.figures.insert("fits".into(), fits.len().into());
+    outcome.figures.insert("fit_seconds".into(), seconds.into());
+    Ok(outcome)
+}
+
+/// The comparison of all fits, the chosen ones marked, then the coefficients of those.
+fn described(
+    measured: &MeasuredTable,
+    fits: &[WavelengthFit],
+    options: &TableOptions,
+    seconds: f64,
+) -> Result<String> {
+    let mut text = String::new();
+    write_description(&mut text, measured, fits, options, seconds)
+        .map_err(|error| Error::failure(error.to_string()))?;
+    Ok(text)
+}
+
+fn write_description(
+    text: &mut String,
+    measured: &MeasuredTable,
+    fits: &[WavelengthFit],
+    options: &TableOptions,
+    seconds: f64,
+) -> std::fmt::Result {
+    let (method, residual) = (options.method.name(), options.residual.name());
+    writeln!(
+        text,
+        "{} rows, {method}, {residual} residual: {} fits in {seconds:.1} s",
+        measured.rows.len(),
+        fits.len()
+    )?;
+    let held_out = !options.hold_out_theta_deg.is_empty();
+    write!(text, "\n{:>8}  {:<9} {:>12} {:>11}", "nm", "lobes", "train log", "relative")?;
+    if held_out {
+        write!(text, "  {:>12} {:>11}", "held-out log", "relative")?;
+    }
+    let starts = format!("cost / best of {}", options.random_starts);
+    writeln!(text, "{}", if options.random_starts > 0 { format!("  {starts:>18}") } else { String::new() })?;
+    for fit in fits {
+        let errors = &fit.training;
+        write!(
+            text,
+            "{:>8}  {:<9} {:>12.3} {:>11.3}",
+            fit.wavelength_nm,
+            format!("{}{}", fit.size, if fit.chosen { " *" } else { "" }),
+            errors.log_rms,
+            errors.relative_l2
+        )?;
+        if let Some(errors) = &fit.held_out {
+            write!(text, "  {:>12.3} {:>11.3}", errors.log_rms, errors.relative_l2)?;
+        }
+        if let Some(ratio) = fit.start_ratio {
+            write!(text, "  {ratio:>18.4}")?;
+        }
+        writeln!(text)?;
+    }
+    writeln!(
+        text,
+        "\n* taken\n\n{:>8} {:>10}  lobes: rho_s (Cx = Cy, Cz) n; ggx: f0 f90 alpha",
+        "nm", "rho_d"
+    )?;
+    for fit in fits.iter().filter(|fit| fit.chosen) {
+        write!(text, "{:>8} {:>10.5}", fit.wavelength_nm, fit.model.diffuse)?;
+        for lobe in fit.model.lobes.iter().filter(|lobe| lobe.amplitude > 0.0) {
+            let c = lobe.c / lobe.reference;
+            let retro = if c.x > 0.0 && c.z > 0.0 { " retro" } else { "" };
+            write!(text, "  {:.4} ({:.4}, {:.4}) {:.1}{retro}", lobe.amplitude, c.x, c.z, lobe.n)?;
+        }
+        if let Some(coat) = fit.model.coat {
+            write!(text, "  ggx {:.4} {:.4} {:.4}", coat.f0, coat.f90, coat.alpha)?;
+        }
+        if let Some(free) = &fit.free {
+            let (log, relative) = (free.log_rms, free.relative_l2);
+            write!(text, "  held to an albedo of 1 (train log {log:.3}, relative {relative:.3} without)")?;
+        }
+        writeln!(text)?;
+    }
+    Ok(())
+}
+
+/// The sizes to compare and which to take.
+fn sizes(args: &FitArgs, method: Method) -> (Vec<Size>, Take) {
+    let alone = |lobes: usize| Size { lobes, microfacet: false };
+    let with = |lobes: usize| Size { lobes, microfacet: true };
+    let most = if method == Method::LineSearch { 1 } else { AUTO_LOBES };
+    match args.lobes {
+        Lobes::Auto(limit) if method == Method::Lm => {
+            let mut sizes = Vec::new();
+            if args.model != ModelName::Ggx {
+                sizes.extend((0..=limit).map(alone));
+            }
+            if args.model != ModelName::Lobes {
+                sizes.extend((0..=limit.min(MOST_BESIDE)).map(with));
+            }
+            (sizes, Take::Choose)
+        }
+        _ => {
+            let wanted = args.lobes();
+            let size = if args.model == ModelName::Ggx { with } else { alone };
+            ((0..=most.max(wanted)).map(size).collect(), Take::Size(size(wanted)))
+        }
+    }
+}
+
+/// A map of one texel: the longest wavelength as red, the shortest as blue, or a single one as grey.
+fn table_map(fits: &[WavelengthFit], options: &TableOptions) -> SbrdfMap {
+    let mut channels: Vec<&WavelengthFit> = fits.iter().filter(|fit| fit.chosen).collect();
+    channels.sort_by(|a, b| b.wavelength_nm.total_cmp(&a.wavelength_nm));
+    let brdf = match channels[..] {
+        [red, green, blue] => table::brdf([red, green, blue]),
+        _ => table::coloured(&channels[0].model, Rgb::ONE),
+    };
+    let mut map = SbrdfMap::from_texels(1, 1, &[brdf]);
+    let join = |text: fn(&WavelengthFit) -> String| -> String {
+        channels.iter().map(|&fit| text(fit)).collect::<Vec<_>>().join(",")
+    };
+    for (key, value) in [
+        ("fit.method", options.method.name().to_string()),
+        ("fit.residual", options.residual.name().to_string()),
+        ("fit.wavelengths_nm", join(|fit| fit.wavelength_nm.to_string())),
+        ("fit.lobes", join(|fit| fit.size.to_string())),
+    ] {
+        map.attributes.insert(key.into(), value);
+    }
+    map
+}

@@ -1,0 +1,167 @@
+//! How finely an environment is prefiltered for an error E. It is relative, |Ŝ − S| / √(|S|² + ε²), S the light under a lobe, Ŝ what
+//! the maps give and ε a tenth of the mean of |S| over all directions (as in [`compare`](crate::render::compare)); and the root
+//! mean square over directions of which half are anywhere and half are about the brightest light.
+//!
+//! | step | its error | chosen |
+//! |---|---|---|
+//! | bilinear lookup of S^(1/n) at angular spacing h | at most n h² / 4 for a point of light, whose root is a cosine | h² = [`PIXEL`] E / n |
+//! | light gathered into points at spacing p | n p² / 24 (1 + 2 ln 1/c) for even light where the lobe is c of its peak | p² = [`GATHERED`] E / n |
+//! | both for n < 2, where the lobe's edge at 90° shows | h / 8 of the peak in a band of width h | [`EDGE`] for n |
+//! | the lobe's end | measured at probes | E / 10 |
+//! | blended exponents | measured at probes | E / 2 |
+//!
+//! The last two depend on the environment: a sun outshines a dim sky down to where its lobe is as dim, and there log S
+//! bends most between exponents.
+
+use std::f32::consts::{PI, TAU};
+
+use glam::{Vec2, Vec3};
+use rayon::prelude::*;
+
+use super::prefilter::{blended, three_weights};
+use super::source::{Cap, Source};
+use crate::reflectance::{Rgb, colour};
+use crate::scene::{Environment, environment::direction_of};
+
+/// See the table above.
+const PIXEL: f32 = 3.0;
+const GATHERED: f32 = 4.0;
+/// Exponents below it are treated as it is.
+const WIDEST: f32 = 4.0;
+/// What stands for n below 2.
+const EDGE: f32 = 48.0;
+/// Parts of the peak at which lobes may end, and where the whole lobe does.
+const CUTS: [f32; 5] = [1e-3, 1e-4, 1e-5, 1e-6, 1e-7];
+const WHOLE: f32 = 1e-8;
+/// Slices an octave of exponents that are tried.
+const STEPS: [u32; 6] = [1, 2, 3, 4, 6, 8];
+/// Directions in which errors are measured.
+const PROBES: usize = 96;
+
+/// What angles are chosen by.
+fn effective(n: f32) -> f32 {
+    if n < 2.0 { EDGE } else { n.max(WIDEST) }
+}
+
+/// Spacing of the light's points for an exponent, radians.
+fn source_spacing(n: f32, error: f32) -> f32 {
+    (GATHERED * error / effective(n)).sqrt()
+}
+
+/// Rows of the map of an exponent.
+pub(super) fn map_height(n: f32, error: f32) -> usize {
+    ((PI / (PIXEL * error / effective(n)).sqrt()).ceil() as usize).max(16)
+}
+
+/// What errors are measured by.
+pub(super) struct Judge {
+    /// The direction of the brightest pixel, in the image's frame.
+    bright: Vec3,
+    /// Mean radiance.
+    mean: f32,
+}
+
+impl Judge {
+    /// Looks at an environment.
+    pub(super) fn new(environment: &Environment) -> Self {
+        let (width, height) = (environment.width, environment.height);
+        let luminance = |i: &usize| colour::luminance(environment.pixels[*i]);
+        let most = (0..width * height).max_by(|a, b| luminance(a).total_cmp(&luminance(b))).unwrap_or(0);
+        let centre = |at: usize, size: usize| (at as f32 + 0.5) / size as f32;
+        let edge = |row: usize| (f64::from(PI) * row as f64 / height as f64).cos();
+        let rows = environment.pixels.chunks(width).enumerate().map(|(row, pixels)| {
+            let part = (edge(row) - edge(row + 1)) / (2 * width) as f64;
+            pixels.iter().map(|pixel| f64::from(pixel.length())).sum::<f64>() * part
+        });
+        Self {
+            bright: direction_of(Vec2::new(centre(most % width, width), centre(most / width, height))),
+            mean: rows.sum::<f64>() as f32,
+        }
+    }
+
+    /// Directions to measure in: every other one anywhere, on a spiral; the others about the brightest light, as far as a lobe
+    /// of the exponent sees it. `turn` gives other directions of the same kind.
+    pub(super) fn directions(&self, n: f32, count: usize, turn: f32) -> Vec<Vec3> {
+        // At this angle a lobe is at 1e-7 of its peak.
+        let reach = (2.0 * 16.0 / (n + 1.0)).sqrt().min(PI);
+        let (across, along) = self.bright.any_orthonormal_pair();
+        let direction = |k: usize| {
+            let part = (k as f32 + 0.5) / count as f32;
+            let (sin, cos) = (k as f32 * 2.399_963 + turn * TAU).sin_cos();
+            if k.is_multiple_of(2) {
+                let y = 1.0 - 2.0 * part;
+                let radius = (1.0 - y * y).sqrt();
+                return Vec3::new(radius * cos, y, radius * sin);
+            }
+            let (sine, cosine) = (reach * part.sqrt()).sin_cos();
+            self.bright * cosine + (across * cos + along * sin) * sine
+        };
+        (0..count).map(direction).collect()
+    }
+
+    /// The relative error of light under lobes of an exponent.
+    pub(super) fn relative(&self, found: Rgb, truth: Rgb, n: f32) -> f32 {
+        // The mean of cosⁿ over all directions is 1 / (2 (n + 1)).
+        let floor = 0.1 * self.mean * TAU / (n + 1.0);
+        let difference = (found - truth).length();
+        if difference == 0.0 { 0.0 } else { difference / truth.length().hypot(floor) }
+    }
+}
+
+/// Root mean square.
+fn rms(errors: impl Iterator<Item = f32>) -> f32 {
+    let (sum, count) = errors.fold((0.0, 0.0), |(sum, count), error| (sum + error * error, count + 1.0));
+    (sum / f32::max(count, 1.0)).sqrt()
+}
+
+/// The environment's light as points for an exponent, and the lobe as far as it counts.
+pub(super) fn prepared(environment: &Environment, n: f32, error: f32) -> (Source, Cap) {
+    let source = Source::new(environment, source_spacing(n, error));
+    let judge = Judge::new(environment);
+    let probes = judge.directions(n, PROBES, 0.0);
+    let light = |cut: f32| -> Vec<Rgb> {
+        let cap = Cap::new(n, cut);
+        probes.par_iter().map(|&toward| source.filtered(toward, &cap)).collect()
+    };
+    let whole = light(WHOLE);
+    let meets = |&cut: &f32| {
+        rms(light(cut).iter().zip(&whole).map(|(&part, &whole)| judge.relative(part, whole, n)))
+            <= error / 10.0
+    };
+    let cut = CUTS.into_iter().find(meets).unwrap_or(WHOLE);
+    (source, Cap::new(n, cut))
+}
+
+/// Slices an octave of exponents so that three of them blended stay within half of the error at the probes.
+pub(super) fn steps_per_octave(environment: &Environment, low: f32, high: f32, error: f32) -> u32 {
+    let judge = Judge::new(environment);
+    let octaves = (high / low).log2().ceil().max(1.0) as i32;
+    let mut least = 0;
+    for octave in 0..octaves {
+        let top = high * 0.5f32.powi(octave);
+        let source = Source::new(environment, source_spacing(top, error));
+        let probes = judge.directions(top, PROBES, 0.0);
+        let log_light = |n: f32| -> Vec<Rgb> {
+            let cap = Cap::new(n, WHOLE);
+            probes.par_iter().map(|&toward| super::prefilter::log2(source.filtered(toward, &cap))).collect()
+        };
+        let first = log_light(top);
+        // What is enough for one octave is where the next begins.
+        while least + 1 < STEPS.len() {
+            let ratio = (-1.0 / STEPS[least] as f32).exp2();
+            let nodes = [top * ratio * ratio, top * ratio, top];
+            let n = top * ratio.sqrt();
+            let [lowest, low, between] = [nodes[0], nodes[1], n].map(log_light);
+            let weights = three_weights(nodes, n);
+            let errors = (0..probes.len()).map(|i| {
+                let found = blended([lowest[i], low[i], first[i]], weights);
+                judge.relative(found, between[i].map(f32::exp2), n)
+            });
+            if rms(errors) <= error / 2.0 {
+                break;
+            }
+            least += 1;
+        }
+    }
+    STEPS[least]
+}

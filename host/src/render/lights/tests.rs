@@ -1,0 +1,187 @@
+//! The GPU against its twin, both against the path tracer.
+
+use std::sync::Arc;
+
+use glam::{Affine3A, Vec2, Vec3};
+
+use super::*;
+use crate::reflectance::{Lobe, LobeBrdf, Rgb};
+use crate::render::compare::compare;
+use crate::render::reference;
+use crate::scene::{Background, Light, Mask, Material, Object, shapes, showcase};
+
+/// The showcase with a third light and a rectangular one, without its environment.
+fn lit(width: u32, height: u32) -> Scene {
+    let mut scene = showcase::published(width, height);
+    scene.environment = None;
+    scene.background = Background::Colour(Vec3::new(0.1, 0.2, 0.3));
+    scene.lights.push(Light::Directional { toward: Vec3::NEG_X, irradiance: Vec3::splat(0.4) });
+    scene.lights.push(Light::Rectangle {
+        centre: Vec3::new(0.3, 1.5, 0.4),
+        edges: [Vec3::X * 0.5, Vec3::Z * 0.4],
+        radiance: Vec3::splat(2.0),
+    });
+    scene
+}
+
+/// A check of gloss and of brushed satin, far smaller than a pixel toward the horizon of a floor; a cut-out leaf above it.
+fn floor(width: u32, height: u32) -> Scene {
+    let brdf = |rho_d: f32, c: Vec3, n: f32| {
+        let lobe = Lobe { rho_s: Rgb::new(0.5, 0.4, 0.3), c, n };
+        LobeBrdf { rho_d: Rgb::splat(rho_d), lobes: vec![lobe], ..LobeBrdf::default() }
+    };
+    let (gloss, satin) =
+        (brdf(0.05, Vec3::new(-1.0, -1.0, 1.0), 60.0), brdf(0.2, Vec3::new(-1.1, -0.7, 0.8), 9.0));
+    let map = showcase::check(&gloss, &satin.rotated(0.5), 3, 5);
+    let mut scene = lit(width, height);
+    let object = |name: &str, transform: Affine3A, material| Object {
+        name: name.into(),
+        mesh: Arc::new(shapes::plane(4)),
+        transform,
+        material,
+    };
+    let mut leaf = Material::uniform(satin.clone());
+    leaf.mask = Some(Mask::from_alpha(5, 3, (0..15).map(|k| (k % 2) as f32)).into());
+    leaf.tiling = Vec2::new(2.0, 3.0);
+    let floor = Material::map(map.into(), Vec2::splat(10.0));
+    let above = Affine3A::from_scale_rotation_translation(
+        Vec3::splat(0.6),
+        glam::Quat::from_rotation_x(0.9),
+        Vec3::new(0.2, 0.9, 0.6),
+    );
+    scene.objects =
+        vec![object("floor", Affine3A::from_scale(Vec3::splat(3.0)), floor), object("leaf", above, leaf)];
+    scene
+}
+
+/// Relative differences between GPU and twin where both cover, at the parts given of all; `None` without a GPU.
+fn differences<const N: usize>(scene: &Scene, settings: Settings, parts: [f32; N]) -> Option<[f32; N]> {
+    let settings = Settings { samples: 1, ..settings };
+    let rendering = match settings.render(scene, &scene.camera) {
+        Ok(rendering) => rendering,
+        Err(error) if error.to_string().contains("no adapter") => {
+            println!("skipped: {error}");
+            return None;
+        }
+        Err(error) => panic!("{error}"),
+    };
+    let twin = cpu::render(scene, &settings).unwrap();
+    let mut errors: Vec<f32> = Vec::new();
+    let mut coverage = 0;
+    for (gpu, cpu) in rendering.picture.pixels.iter().zip(&twin.pixels) {
+        if gpu.w != cpu.w {
+            coverage += 1;
+            continue;
+        }
+        let difference = (gpu - cpu).truncate().abs().max_element();
+        errors.push(difference / cpu.truncate().max_element().max(1e-3));
+    }
+    errors.sort_by(f32::total_cmp);
+    println!("coverage differs at {coverage} of {} pixels", twin.pixels.len());
+    assert!(coverage * 1000 <= twin.pixels.len(), "{coverage} pixels are covered in one only");
+    let found = parts.map(|part| errors[((errors.len() - 1) as f32 * part) as usize]);
+    println!("{settings:?}: relative differences {found:?}");
+    Some(found)
+}
+
+#[test]
+fn the_gpu_agrees_with_its_twin_on_the_cpu() {
+    for shadows in [true, false] {
+        // Small triangles: a rasteriser's rounding of their corners changes footprints by per cents.
+        let settings = Settings { shadows, filtering: Filtering::Finest, ..Settings::default() };
+        // A few pixels lie on an edge of the mesh or of a shadow, where the two may see different triangles.
+        if let Some([median, most]) = differences(&lit(160, 120), settings, [0.5, 0.99]) {
+            assert!(median < 1e-5 && most < 1e-3, "{median} {most}");
+        }
+    }
+}
+
+#[test]
+fn every_filter_and_storage_and_cut_outs_agree_with_the_twin() {
+    let scene = floor(64, 48);
+    let filters = [Filtering::Finest, Filtering::Coefficients, Filtering::Fitted, Filtering::Shaded];
+    let variants = filters.map(|filtering| Settings { filtering, ..Settings::default() });
+    let stored =
+        Storage::ALL.map(|storage| Settings { storage, filtering: Filtering::Finest, ..Settings::default() });
+    for settings in variants.into_iter().chain(stored) {
+        // Where the number of samples of a footprint changes, rounding decides for one or the other.
+        let Some([median, most]) = differences(&scene, settings, [0.5, 0.97]) else { return };
+        assert!(median < 1e-4 && most < 5e-3, "{settings:?} {median} {most}");
+    }
+}
+
+#[test]
+fn shadows_and_cut_outs_are_those_of_the_path_tracer() {
+    let mut scene = floor(48, 36);
+    // Lights that both have without an extent, and texels that a pixel does not mix.
+    scene.lights.truncate(3);
+    scene.objects[0].material = Material::uniform(LobeBrdf::diffuse(Rgb::splat(0.2)));
+    let truth = reference::Settings { samples: 64, bounces: 1, ..Default::default() };
+    let truth = truth.render(&scene, &scene.camera).unwrap().picture;
+    let error = |shadows| {
+        let settings = Settings { shadows, ..Settings::default() };
+        // Sixteen pixels for one, since the twin has one sample a pixel.
+        let mut fine = scene.clone();
+        (fine.camera.width, fine.camera.height) = (48 * 4, 36 * 4);
+        let fine = cpu::render(&fine, &settings).unwrap();
+        let mean = |index: usize| {
+            let (x, y) = (index % 48 * 4, index / 48 * 4);
+            (0..16).map(|k| fine.pixels[(y + k / 4) * 192 + x + k % 4] / 16.0).sum()
+        };
+        let pixels = (0..48 * 36).map(mean).collect();
+        compare(&Picture { width: 48, height: 36, pixels }, &truth).unwrap().relative_rmse
+    };
+    let (with, without) = (error(true), error(false));
+    println!("relative RMSE against the path tracer: {with} with shadows, {without} without");
+    assert!(with < 0.05 && without > 0.1, "{with} {without}");
+}
+
+#[test]
+fn filters_that_follow_shading_are_nearer_to_shading_all_texels() {
+    // The floor fills the picture, light comes from beyond it.
+    let mut scene = floor(32, 24);
+    scene.objects.truncate(1);
+    (scene.camera.position, scene.camera.target) = (Vec3::new(0.0, 1.0, 2.8), Vec3::new(0.0, 0.0, 1.0));
+    scene.lights =
+        vec![Light::Directional { toward: Vec3::new(0.1, 0.5, -0.9).normalize(), irradiance: Rgb::ONE }];
+    scene.objects[0].material.tiling = Vec2::splat(40.0);
+    let truth = reference::Settings { samples: 256, bounces: 1, ..Default::default() };
+    let truth = truth.render(&scene, &scene.camera).unwrap().picture;
+    let error = |filtering| {
+        let settings = Settings { filtering, ..Settings::default() };
+        compare(&cpu::render(&scene, &settings).unwrap(), &truth).unwrap().relative_rmse
+    };
+    let [coefficients, fitted, shaded] =
+        [Filtering::Coefficients, Filtering::Fitted, Filtering::Shaded].map(error);
+    println!("relative RMSE: coefficients {coefficients}, fitted {fitted}, shaded {shaded}");
+    assert!(2.0 * fitted < coefficients && shaded < fitted, "{coefficients} {fitted} {shaded}");
+}
+
+#[test]
+fn multisampled_edges_blend_with_the_background() {
+    let mut scene = lit(64, 48);
+    scene.objects.retain(|object| object.name == "ball");
+    let mask = Mask::from_alpha(8, 1, (0..8).map(|k| (k % 2) as f32));
+    for mask in [None, Some(Arc::new(mask))] {
+        let cut = mask.is_some();
+        scene.objects[0].material.mask = mask;
+        let rendering = match Settings::default().render(&scene, &scene.camera) {
+            Ok(rendering) => rendering,
+            Err(error) if error.to_string().contains("no adapter") => return println!("skipped: {error}"),
+            Err(error) => panic!("{error}"),
+        };
+        let pixels = &rendering.picture.pixels;
+        assert!((pixels[0].truncate() - Vec3::new(0.1, 0.2, 0.3)).length() < 1e-4 && pixels[0].w == 0.0);
+        let partly = pixels.iter().filter(|pixel| pixel.w > 0.0 && pixel.w < 1.0).count();
+        let whole = pixels.iter().filter(|pixel| pixel.w == 1.0).count();
+        assert!(partly > 10 && (cut || whole > partly), "{partly} {whole}");
+        assert!(rendering.adapter.is_some() && rendering.cost.samples == 4);
+    }
+}
+
+#[test]
+fn a_tree_or_counts_that_cannot_be_are_refused() {
+    let scene = lit(8, 6);
+    let error = cpu::render(&scene, &Settings { anisotropy: 0, ..Settings::default() }).unwrap_err();
+    assert_eq!(error.exit_code(), 2);
+}
