@@ -48,14 +48,23 @@ pub fn poses(count: usize, seed: u64) -> Vec<PoseGeometry> {
         .collect()
 }
 
-/// Samples `reflectance`, which is given a texel's index, its place on the sample (mm), `wi` and `wo`. Noise may make values negative.
+/// Samples `reflectance`, which is given a texel's index, its place on the sample (mm), `wi` and `wo`, at random poses. Noise may make
+/// values negative.
 pub fn sample(
     options: &Options,
     reflectance: impl Fn(usize, DVec3, Vec3, Vec3) -> Rgb + Sync,
 ) -> SampledSbrdf {
-    let poses = poses(options.poses, options.seed);
+    sample_at(poses(options.poses, options.seed), options, reflectance)
+}
+
+/// As [`sample`], at poses that are given.
+pub fn sample_at(
+    poses: Vec<PoseGeometry>,
+    options: &Options,
+    reflectance: impl Fn(usize, DVec3, Vec3, Vec3) -> Rgb + Sync,
+) -> SampledSbrdf {
     let mut sampled = SampledSbrdf::empty(options.width, options.height, options.texel_mm, poses);
-    let span = 3 * options.poses;
+    let span = 3 * sampled.poses.len();
     let mut values = std::mem::take(&mut sampled.reflectance);
     values.par_chunks_mut(span.max(1)).enumerate().for_each(|(index, values)| {
         // A texel's noise depends on nothing but the seed and its index.

@@ -41,6 +41,10 @@ pub(super) struct FitArgs {
     /// The scale on which fitted and measured values are compared; `auto` is proportional for texels, balanced for tables
     #[arg(long, value_enum, default_value_t = ResidualName::Auto)]
     pub(super) residual: ResidualName,
+    /// Let samples that lie far off the rest (dust, shadows, glints) weigh less or nothing, by Huber's and Tukey's weights; separable method. A
+    /// highlight that very few poses meet may be lost with them
+    #[arg(long)]
+    pub(super) robust: bool,
     /// What fits a sampled SBRDF. Both find the same lobes but for rounding; only the CPU gives the same bytes on every machine. The GPU does the
     /// separable method
     #[arg(long, value_enum, default_value_t = DeviceName::Auto)]
@@ -267,6 +271,7 @@ fn fit_sampled(args: &FitArgs, input: &Path) -> Result<FitOutcome> {
         method,
         isotropic: args.isotropic || args.separate_channels,
         separate_channels: args.separate_channels,
+        robust: args.robust,
         diffuse: args.diffuse_percentile.map_or(Diffuse::Joint, Diffuse::Percentile),
         residual,
         device: if args.device == DeviceName::Gpu { Device::Gpu } else { Device::Cpu },

@@ -355,6 +355,7 @@ mod tests {
         separate_channels: false,
         diffuse: crate::fit::Diffuse::Joint,
         residual: crate::fit::Residual::Proportional,
+        robust: false,
         device: crate::fit::Device::Cpu,
         conserve_energy: false,
     };

@@ -201,6 +201,8 @@ pub struct FitOptions {
     pub diffuse: Diffuse,
     /// Scale of comparison.
     pub residual: Residual,
+    /// Whether samples that lie far off weigh less, see [`separable::robust`]; the separable method alone.
+    pub robust: bool,
     /// What fits.
     pub device: Device,
     /// Whether texels with a directional albedo above 1 are fitted again so that they have none ([`conserve`]).
@@ -217,6 +219,7 @@ impl Default for FitOptions {
             separate_channels: false,
             diffuse: Diffuse::Joint,
             residual: Residual::Proportional,
+            robust: false,
             device: Device::Cpu,
             conserve_energy: false,
         }
@@ -248,6 +251,9 @@ impl FitOptions {
                 self.residual.name()
             )));
         }
+        if self.device == Device::Gpu && self.robust {
+            return Err(Error::input("a robust fit is made on the CPU alone; use --device cpu"));
+        }
         if self.device == Device::Gpu && self.method != Method::Separable {
             return Err(Error::input(format!(
                 "the GPU does the separable fit alone, not {}; use --device cpu",
@@ -257,6 +263,12 @@ impl FitOptions {
         if self.choose && self.method != Method::Separable {
             return Err(Error::input(format!(
                 "only the separable fit chooses the number of lobes; name one for {}",
+                self.method.name()
+            )));
+        }
+        if self.robust && self.method != Method::Separable {
+            return Err(Error::input(format!(
+                "only the separable fit is robust; {} is not",
                 self.method.name()
             )));
         }
@@ -349,7 +361,7 @@ fn fit_blocks(sampled: &SampledSbrdf, options: &FitOptions, done: &(impl Fn() + 
             workspace.settle(&poses, sampled, texels.clone().nth(texels.clone().count() / 2).unwrap_or(0));
             let fits = texels.map(|index| {
                 workspace.load(&poses, sampled, index);
-                let fit = workspace.fit(options);
+                let fit = workspace.fit_next(options, index % width % BLOCK);
                 done();
                 fit
             });
@@ -451,6 +463,7 @@ fn map_of(sampled: &SampledSbrdf, options: &FitOptions, fits: &[TexelFit]) -> Sb
         ("fit.residual", options.residual.name().to_string()),
         ("fit.diffuse", diffuse),
         ("fit.isotropic", options.isotropic.to_string()),
+        ("fit.robust", options.robust.to_string()),
         ("fit.conserve_energy", options.conserve_energy.to_string()),
         ("texel_mm", sampled.texel_mm.to_string()),
     ] {

@@ -15,7 +15,7 @@ import OpenEXR
 import zarr
 from scipy.optimize import least_squares
 
-SIZE = 64
+SIZE = 128
 POSES = 456
 # Texels that the others fit, spread over the sample.
 TEXELS = {"Ceres": 512, "SciPy": 48}

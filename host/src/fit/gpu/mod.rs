@@ -54,7 +54,7 @@ pub fn name() -> Result<String> {
 /// When that chunk cannot be read.
 pub fn faster(store: &SampledStore, options: &FitOptions) -> Result<Device> {
     let large = store.width * store.height >= LEAST_TEXELS;
-    let worthwhile = large && options.method == Method::Separable && options.lobes > 0;
+    let worthwhile = large && options.method == Method::Separable && options.lobes > 0 && !options.robust;
     let hardware = worthwhile && shared().is_ok_and(|kernels| !kernels.gpu.is_software());
     if !hardware {
         return Ok(Device::Cpu);

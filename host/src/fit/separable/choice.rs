@@ -39,6 +39,7 @@ pub fn left_out(solver: &Solver, task: Task, model: &Model, at: &Amplitudes) -> 
             // Derivatives of the pose's values by the shapes, amplitudes following; what of the hat matrix is the amplitudes' own.
             let mut slopes = [[0.0; UNKNOWNS]; CHANNELS];
             let mut hat = DMat3::ZERO;
+            let mut solved = [0.0; LINEAR];
             for (channel, response) in responses.iter().enumerate() {
                 let x = &at.x[channel];
                 residual[channel] = columns.column(1 + channel)[k];
@@ -54,12 +55,15 @@ pub fn left_out(solver: &Solver, task: Task, model: &Model, at: &Amplitudes) -> 
                 }
                 let Some(response) = response else { continue };
                 let count = response.members.len();
-                let mut solved = [0.0; LINEAR];
-                for (place, &unknown) in solved.iter_mut().zip(&response.members) {
+                let mut row = [0.0; LINEAR];
+                for (place, &unknown) in row.iter_mut().zip(&response.members) {
                     *place = columns.column(layout.column(unknown))[k];
                 }
-                let row = solved;
-                linear::substitute(&response.factor, &mut solved[..count]);
+                let before = channel.checked_sub(1).and_then(|before| responses[before].as_ref());
+                if before.is_none_or(|before| before.members != response.members) {
+                    solved = row;
+                    linear::substitute(&response.factor, &mut solved[..count]);
+                }
                 for (place, by_shape) in response.by_shape.iter().enumerate() {
                     hat.col_mut(channel)[channel] += row[place] * solved[place];
                     for (slope, by_shape) in slopes[channel].iter_mut().zip(by_shape) {
@@ -67,9 +71,11 @@ pub fn left_out(solver: &Solver, task: Task, model: &Model, at: &Amplitudes) -> 
                     }
                 }
             }
-            for a in 0..layout.channels {
-                for b in 0..layout.channels {
-                    hat.col_mut(b)[a] += covariance.between(&slopes[a], &slopes[b]);
+            for b in 0..layout.channels {
+                let of_b = covariance.times(&slopes[b]);
+                for (a, slopes) in slopes.iter().enumerate().take(layout.channels) {
+                    let product = slopes.iter().zip(&of_b).map(|(slope, of_b)| slope * of_b);
+                    hat.col_mut(b)[a] += product.take(layout.family.size(layout.lobes)).sum::<f64>();
                 }
             }
             let rest = DMat3::IDENTITY - hat;

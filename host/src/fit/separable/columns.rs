@@ -160,11 +160,18 @@ impl Columns {
     /// The products of columns `from..to` with all up to them.
     #[inline(always)]
     fn products(&self, from: usize, to: usize, gram: &mut Gram) {
-        for i in from..to {
-            for j in 0..=i {
-                let product = math::dot(self.column(i), self.column(j));
-                gram[i * WIDTH + j] = product;
-                gram[j * WIDTH + i] = product;
+        for i in (from..to).step_by(2) {
+            // Places beyond the last are computed again.
+            let rows = [i, (i + 1).min(to - 1)];
+            for j in (0..=rows[1]).step_by(3) {
+                let others = [j, j + 1, j + 2].map(|j| j.min(rows[1]));
+                let products = math::dots(rows.map(|i| self.column(i)), others.map(|j| self.column(j)));
+                for (i, products) in rows.into_iter().zip(products) {
+                    for (j, product) in others.into_iter().zip(products) {
+                        gram[i * WIDTH + j] = product;
+                        gram[j * WIDTH + i] = product;
+                    }
+                }
             }
         }
     }

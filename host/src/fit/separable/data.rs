@@ -262,6 +262,15 @@ impl Data {
             self.most[place] = MOST_OVER_SEEN * scale * largest.into_iter().fold(0.0, f64::max);
         }
     }
+
+    /// Multiplies the weight of every pose with a factor.
+    pub fn reweigh(&mut self, factors: &[f64]) {
+        let Self { root, goal, channels, .. } = self;
+        for (k, factor) in factors.iter().enumerate() {
+            root[k] *= factor.sqrt();
+            goal.iter_mut().take(*channels).for_each(|goal| goal[k] *= factor.sqrt());
+        }
+    }
 }
 
 impl Products {

@@ -5,14 +5,16 @@
 //! sample, not to a channel: the proportional residual takes them from the sample's luminance, and s_c makes up for how much
 //! darker or brighter the channel is on the whole.
 //!
-//! From the outside in: [`texel`] fits one texel, [`start`] finds where to begin, [`solver`] optimises, [`normal`] does the small linear
-//! algebra on the products of the [`columns`] that [`shape`] defines over the [`data`], with [`math`] that vectorises; [`uncertainty`] says how sure the result is, [`choice`] how many lobes it takes.
+//! From the outside in: [`texel`] fits one texel, [`start`] finds where to begin, with a [`bank`] of shapes, [`solver`] optimises, [`normal`] does the small linear
+//! algebra on the products of the [`columns`] that [`shape`] defines over the [`data`], with [`math`] that vectorises; [`robust`] weighs outliers less; [`uncertainty`] says how sure the result is, [`choice`] how many lobes it takes.
 
+pub mod bank;
 pub mod choice;
 pub mod columns;
 pub mod data;
 pub mod math;
 pub mod normal;
+pub mod robust;
 pub mod shape;
 pub mod solver;
 pub mod start;

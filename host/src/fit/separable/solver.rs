@@ -24,6 +24,9 @@ pub struct Solver {
     /// What the vector code is compiled for.
     pub arch: Arch,
     trial: Model,
+    /// What was evaluated last, and its amplitudes.
+    last: Option<(Family, bool, Amplitudes)>,
+    last_model: Model,
 }
 
 impl Default for Solver {
@@ -34,6 +37,8 @@ impl Default for Solver {
             gram: Box::new([0.0; WIDTH * WIDTH]),
             arch: Arch::new(),
             trial: Model::default(),
+            last: None,
+            last_model: Model::default(),
         }
     }
 }
@@ -89,13 +94,23 @@ impl WithSimd for Fill<'_> {
 impl Solver {
     /// Takes over the data as it is aimed; to be called whenever that has changed.
     pub fn begin(&mut self) {
+        self.last = None;
         self.arch.dispatch(Begin(&mut self.columns, &self.data, &mut self.gram));
     }
 
     /// The best amplitudes for a model's shapes; leaves columns and their products in the buffers.
     pub fn evaluate(&mut self, family: Family, diffuse: bool, model: &Model) -> Amplitudes {
+        if let Some((last, with, at)) = self.last
+            && (last, with) == (family, diffuse)
+            && self.last_model == *model
+        {
+            return at;
+        }
         self.arch.dispatch(Fill(&mut self.columns, &self.data, &mut self.gram, model, family));
-        normal::amplitudes(&self.gram, self.layout(family, diffuse, model), self.data.most)
+        let at = normal::amplitudes(&self.gram, self.layout(family, diffuse, model), self.data.most);
+        self.last = Some((family, diffuse, at));
+        self.last_model.clone_from(model);
+        at
     }
 
     /// Which columns are what for a model.

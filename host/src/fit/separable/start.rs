@@ -1,21 +1,21 @@
-//! Starts from data: the shapes of a small bank that explain most of what is left of a texel's samples.
+//! Starts from neighbours ([`follow`]) and from data ([`Search`]): the shapes of a small bank that explain most of what is left of a
+//! texel's samples, and those whose highlight passes through the largest residuals.
 //!
 //! The bank's shapes are those at a place near the texel, so one bank serves a block of texels; the solver then works with the
 //! texel's own directions. Lobes are added one after the other: the local maxima of what a shape explains beside those
 //! found so far, over directions of C round the (Cxy, Cz) circle and n = 1, 2, 4, …, are each optimised for a few steps,
 //! and the best go on.
 
-use pulp::WithSimd;
-
 use super::super::linear;
 use super::super::lm::{Limits, Outcome};
 use super::super::model::{Model, ModelLobe, isotropic_c};
+use super::bank::{Bank, EXPONENTS, Fill, Products32, ROWS, ridge_angle};
 use super::choice;
 use super::columns::{CHANNELS, MOST_LOBES, WIDTH};
-use super::data::Products;
-use super::normal::{Amplitudes, LINEAR};
+use super::normal::{Amplitudes, LINEAR, Layout};
 use super::shape::{self, Family};
 use super::solver::Solver;
+use super::uncertainty;
 
 /// How far the search goes.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -39,73 +39,16 @@ impl Effort {
         }
         Self { tries: 4, steps: 6, beam: 3, limits: Limits { iterations: 60, tolerance: 1e-6 } }
     }
-}
 
-/// Directions of C round the circle.
-const DIRECTIONS: usize = 24;
-/// Exponents 1, 2, 4, …
-const EXPONENTS: usize = 10;
-/// Rows a direction: the exponents and the square of the last.
-const ROWS: usize = EXPONENTS + 1;
-
-/// Shapes of the bank at every pose.
-#[derive(Debug, Clone, Default)]
-pub struct Bank {
-    /// [seen direction][exponent][pose].
-    shapes: Vec<f32>,
-    /// Directions with a base that is positive somewhere, by their place on the circle.
-    seen: Vec<usize>,
-    count: usize,
-}
-
-impl Bank {
-    fn angle(direction: usize) -> f64 {
-        (direction as f64 + 0.5) / DIRECTIONS as f64 * std::f64::consts::TAU
-    }
-
-    /// Computes the shapes for the products at one place.
-    pub fn fill(&mut self, products: &Products, cone: [f64; 2]) {
-        self.count = products.plane.len();
-        self.seen.clear();
-        self.shapes.clear();
-        for direction in 0..DIRECTIONS {
-            let lobe = ModelLobe::unit(isotropic_c(Self::angle(direction)), 1.0).within(cone);
-            let (plane, zz) = (lobe.c.x / lobe.reference, lobe.c.z / lobe.reference);
-            let base = |k: usize| (plane * products.plane[k] + zz * products.zz[k]).clamp(0.0, 4.0) as f32;
-            if (0..self.count).all(|k| base(k) <= 0.0) {
-                continue;
-            }
-            self.seen.push(direction);
-            self.shapes.extend((0..self.count).map(base));
-            for _ in 1..ROWS {
-                let from = self.shapes.len() - self.count;
-                for k in from..from + self.count {
-                    let root = self.shapes[k];
-                    // Without denormal numbers, which are slow, and without infinities.
-                    self.shapes.push(if root < 1e-15 { 0.0 } else { (root * root).min(1e9) });
-                }
-            }
-        }
+    /// For a texel from which others start.
+    pub fn thorough(lobes: usize) -> Self {
+        let Self { limits, .. } = Self::texel(lobes);
+        Self { tries: 6, steps: 8, beam: 6, limits }
     }
 }
 
-/// Σ a b, in sixteen partial sums.
-#[inline(always)]
-fn dot(a: &[f32], b: &[f32]) -> f32 {
-    let mut sums = [0f32; 16];
-    let (a16, b16) = (a.chunks_exact(16), b.chunks_exact(16));
-    for (lane, (x, y)) in a16.remainder().iter().zip(b16.remainder()).enumerate() {
-        sums[lane] = x * y;
-    }
-    for (x, y) in a16.zip(b16) {
-        for lane in 0..16 {
-            sums[lane] += x[lane] * y[lane];
-        }
-    }
-    let half: [f32; 8] = std::array::from_fn(|i| sums[i] + sums[i + 8]);
-    let quarter: [f32; 4] = std::array::from_fn(|i| half[i] + half[i + 4]);
-    (quarter[0] + quarter[2]) + (quarter[1] + quarter[3])
-}
+/// Poses with the largest residuals, of which each proposes a direction.
+const RIDGE: usize = 8;
 
 /// A set of shapes with its cost.
 #[derive(Debug, Clone)]
@@ -122,27 +65,8 @@ pub struct Search {
     /// Products of the bank's rows with those lists, [row][list].
     products: Vec<f32>,
     scores: Vec<f32>,
-}
-
-/// The products of all rows of the bank with some lists, as vector code.
-struct Products32<'a> {
-    rows: &'a [f32],
-    lists: &'a [f32],
-    count: usize,
-    out: &'a mut Vec<f32>,
-}
-
-impl WithSimd for Products32<'_> {
-    type Output = ();
-    #[inline(always)]
-    fn with_simd<S: pulp::Simd>(self, _: S) {
-        self.out.clear();
-        for row in self.rows.chunks_exact(self.count.max(1)) {
-            for list in self.lists.chunks_exact(self.count.max(1)) {
-                self.out.push(dot(row, list));
-            }
-        }
-    }
+    /// Shapes of the directions that the largest residuals propose.
+    ridge: Bank,
 }
 
 /// What is fitted, beside the data.
@@ -160,6 +84,15 @@ pub struct Task {
     pub choose: bool,
 }
 
+/// A model and how well it does, for texels nearby to start from.
+#[derive(Debug, Clone)]
+pub struct Known {
+    /// The shapes.
+    pub model: Model,
+    /// Cost a valid sample that the search came to with as many lobes, here or at the texel that it was handed on from.
+    pub level: f64,
+}
+
 /// What a search found.
 #[derive(Debug, Clone)]
 pub struct Found {
@@ -171,20 +104,96 @@ pub struct Found {
     pub outcome: Outcome,
     /// Squared residuals of the poses, each predicted without it; empty where there is no choice to make.
     pub left_out: Vec<f64>,
+    /// The models with 1, 2, … lobes that there was a choice of; the one model where there was none.
+    pub known: Vec<Known>,
 }
 
 impl Found {
     /// Optimises a model to convergence.
-    pub fn of(solver: &mut Solver, task: Task, mut model: Model) -> Self {
-        let (at, outcome) = minimise(solver, task, task.effort.limits, &mut model);
+    pub fn of(solver: &mut Solver, task: Task, model: Model) -> Self {
+        Self::better_of(solver, task, model, None)
+    }
+
+    /// Optimises one model or two to convergence and takes the better.
+    fn better_of(solver: &mut Solver, task: Task, model: Model, other: Option<Model>) -> Self {
+        let mut end = |mut model: Model| {
+            let (at, outcome) = minimise(solver, task, task.effort.limits, &mut model);
+            (model, at, outcome)
+        };
+        let mut best = end(model);
+        if let Some(other) = other.map(end)
+            && other.1.cost < best.1.cost
+        {
+            best = other;
+        }
+        let (model, at, outcome) = best;
         let mut left_out = Vec::new();
         if task.choose {
             // The last step tried may have been another one.
             solver.evaluate(task.family, task.diffuse, &model);
             left_out = choice::left_out(solver, task, &model, &at);
         }
-        Self { model, at, outcome, left_out }
+        Self { model, at, outcome, left_out, known: Vec::new() }
     }
+
+    /// The model with its cost.
+    fn known(&self, solver: &Solver) -> Known {
+        Known { model: self.model.clone(), level: level(solver, &self.at) }
+    }
+}
+
+/// Cost a valid sample.
+fn level(solver: &Solver, at: &Amplitudes) -> f64 {
+    at.cost / solver.data.valid.max(1) as f64
+}
+
+/// A start from a neighbour has led to as good a fit as a search would if its cost is within this range of what the search came to
+/// there. The cost of 600 samples with nothing but noise scatters by 6 %; a cost far lower is that of another material, of
+/// which the neighbour's search tells nothing.
+const AS_GOOD: std::ops::RangeInclusive<f64> = 0.8..=1.15;
+
+/// Whether a neighbour's shapes as they are come so close to its own cost that no other start needs a look.
+pub fn may_do(solver: &Solver, cost: f64, near: &Known) -> bool {
+    cost <= AS_GOOD.end() * near.level * solver.data.valid as f64
+}
+
+/// The fit from the shapes that were found nearby, as [`Search::best`] makes it from the bank; none where it is no better than it
+/// might be, or where the neighbour does not tell whether more lobes are supported.
+pub fn follow(solver: &mut Solver, task: Task, near: &[Known]) -> Option<Found> {
+    let mut known = Vec::with_capacity(near.len());
+    let mut reach = |solver: &mut Solver, start: &Known| {
+        let found = Found::of(solver, task, start.model.clone());
+        let good = AS_GOOD.contains(&(level(solver, &found.at) / start.level));
+        known.push(Known { model: found.model.clone(), level: start.level });
+        good.then_some(found)
+    };
+    let mut chosen = None;
+    if task.choose {
+        let mut best = Found::of(solver, task, Model::default());
+        let mut ended = task.lobes == 0;
+        for start in near {
+            let found = reach(solver, start)?;
+            ended = !choice::is_better(&found.left_out, &best.left_out);
+            if ended {
+                break;
+            }
+            ended = found.model.lobes.len() == task.lobes;
+            best = found;
+        }
+        if ended {
+            chosen = Some(best);
+        }
+    } else if let [start] = near
+        && start.model.lobes.len() == task.lobes
+    {
+        let found = reach(solver, start)?;
+        let at = solver.evaluate(task.family, task.diffuse, &found.model);
+        let layout = solver.layout(task.family, task.diffuse, &found.model);
+        // A lobe that fits the neighbour's noise has no meaning here.
+        let told = uncertainty::told(solver, layout, &at);
+        chosen = told.into_iter().all(|told| told).then_some(found);
+    }
+    chosen.map(|found| Found { known, ..found })
 }
 
 impl Search {
@@ -192,6 +201,7 @@ impl Search {
     pub fn best(&mut self, solver: &mut Solver, bank: &Bank, task: Task) -> Found {
         let mut beam = vec![Candidate { cost: f64::INFINITY, model: Model::default() }];
         let mut chosen: Option<Found> = None;
+        let mut known = Vec::new();
         if task.choose {
             chosen = Some(Found::of(solver, task, Model::default()));
         }
@@ -204,6 +214,7 @@ impl Search {
             beam = next;
             if let Some(best) = &mut chosen {
                 let found = Found::of(solver, task, beam[0].model.clone());
+                known.push(found.known(solver));
                 if !choice::is_better(&found.left_out, &best.left_out) {
                     break;
                 }
@@ -213,9 +224,35 @@ impl Search {
             }
         }
         match chosen {
-            Some(found) => found,
-            None => Found::of(solver, task, beam.swap_remove(0).model),
+            Some(found) => Found { known, ..found },
+            None => {
+                let found = Found::of(solver, task, beam.swap_remove(0).model);
+                Found { known: vec![found.known(solver)], ..found }
+            }
         }
+    }
+
+    /// The best fit of anisotropic lobes, as many as are supported, that starts from the isotropic models with 1, 2, … lobes or from the
+    /// anisotropic one with one lobe less.
+    pub fn widened(&mut self, solver: &mut Solver, bank: &Bank, task: Task, isotropic: &[Known]) -> Found {
+        let task = Task { effort: Effort { beam: 1, ..task.effort }, ..task };
+        let mut best = Found::of(solver, task, Model::default());
+        let mut known = Vec::with_capacity(isotropic.len());
+        for start in isotropic {
+            let mut longer = Vec::new();
+            if !best.model.lobes.is_empty() {
+                let set = Candidate { cost: best.at.cost, model: best.model.clone() };
+                longer = self.extended(solver, bank, task, &[set], true);
+            }
+            let longer = longer.pop().map(|candidate| candidate.model);
+            let found = Found::better_of(solver, task, start.model.clone(), longer);
+            known.push(found.known(solver));
+            if !choice::is_better(&found.left_out, &best.left_out) {
+                break;
+            }
+            best = found;
+        }
+        Found { known, ..best }
     }
 
     /// The best sets of one lobe more than those of the beam, the best first; tried for a few steps where `tried`, or where there are several.
@@ -255,53 +292,81 @@ impl Search {
         at: &Amplitudes,
         found: &mut Vec<Candidate>,
     ) {
+        self.list(solver, task, model, at);
         self.score(solver, bank, task, model, at);
-        let mut maxima: Vec<usize> = (0..self.scores.len()).filter(|&i| self.is_maximum(bank, i)).collect();
-        maxima.sort_by(|&a, &b| self.scores[b].total_cmp(&self.scores[a]).then(a.cmp(&b)));
-        for &index in maxima.iter().take(task.effort.tries) {
-            let (place, exponent) = (index / EXPONENTS, index % EXPONENTS);
-            let c = isotropic_c(Bank::angle(bank.seen[place]));
+        let starts = (0..self.scores.len()).filter(|&i| self.is_maximum(bank, i));
+        let mut starts: Vec<(f32, f64, usize)> =
+            starts.map(|i| (self.scores[i], bank.angles[i / EXPONENTS], i % EXPONENTS)).collect();
+        starts.extend(self.best_of_ridge(solver, task, model, at));
+        starts.sort_by(|a, b| b.0.total_cmp(&a.0));
+        for &(_, angle, exponent) in starts.iter().take(task.effort.tries) {
             let mut model = model.clone();
-            model.lobes.push(ModelLobe::unit(c, f64::from(1u32 << exponent)));
+            model.lobes.push(ModelLobe::unit(isotropic_c(angle), f64::from(1u32 << exponent)));
             found.push(Candidate { cost: f64::INFINITY, model });
         }
     }
 
-    /// How much each shape of the bank would lower the cost beside the model's, to first order; −∞ where it adds nothing.
-    fn score(&mut self, solver: &Solver, bank: &Bank, task: Task, model: &Model, at: &Amplitudes) {
-        let (columns, count) = (&solver.columns, bank.count);
+    /// The best lobe, with its score, whose highlight passes through one of the poses with the largest residuals. The directions of the
+    /// bank lie too far apart for sharp highlights that few poses meet.
+    fn best_of_ridge(
+        &mut self,
+        solver: &Solver,
+        task: Task,
+        model: &Model,
+        at: &Amplitudes,
+    ) -> Option<(f32, f64, usize)> {
+        let products = &solver.data.products;
+        let residuals = &self.lists[..products.plane.len()];
+        let mut largest: Vec<usize> = (0..residuals.len()).filter(|&k| residuals[k] > 0.0).collect();
+        let by_size = |&a: &usize, &b: &usize| residuals[b].total_cmp(&residuals[a]).then(a.cmp(&b));
+        if largest.len() > RIDGE {
+            largest.select_nth_unstable_by(RIDGE, by_size);
+            largest.truncate(RIDGE);
+        }
+        largest.sort_by(by_size);
+        let angles: Vec<f64> = largest.into_iter().filter_map(|k| ridge_angle(products, k)).collect();
+        let mut ridge = std::mem::take(&mut self.ridge);
+        solver.arch.dispatch(Fill(&mut ridge, &angles, products, solver.data.cone));
+        self.score(solver, &ridge, task, model, at);
+        let scores = self.scores.iter().enumerate().filter(|(_, score)| score.is_finite());
+        let best = scores.max_by(|a, b| a.1.total_cmp(b.1));
+        let best = best.map(|(i, &score)| (score, ridge.angles[i / EXPONENTS], i % EXPONENTS));
+        self.ridge = ridge;
+        best
+    }
+
+    /// Makes the lists that shapes are multiplied with: residual, weight, the shapes of the set.
+    fn list(&mut self, solver: &Solver, task: Task, model: &Model, at: &Amplitudes) {
+        let (columns, count) = (&solver.columns, solver.data.len());
         let layout = solver.layout(task.family, task.diffuse, model);
         let channels = layout.channels;
-        let mut members = [0; LINEAR];
-        let mut known = 0;
-        for unknown in 0..=layout.lobes {
-            if (0..channels).any(|channel| at.free[channel][unknown]) {
-                members[known] = unknown;
-                known += 1;
-            }
-        }
-        let members = &members[..known];
-        // Lists: residual, weight, the shapes of the set.
         let root = columns.column(0);
+        let mut rest = vec![0.0; count];
+        let mut add = |factor: f64, column: &[f64]| {
+            for (rest, value) in rest.iter_mut().zip(column) {
+                *rest += factor * value;
+            }
+        };
+        (0..channels).for_each(|channel| add(1.0, columns.column(1 + channel)));
+        for unknown in 0..=layout.lobes {
+            let total: f64 = (0..CHANNELS).map(|channel| at.x[channel][unknown]).sum();
+            add(-total, columns.column(layout.column(unknown)));
+        }
         self.lists.clear();
-        self.lists.extend((0..count).map(|k| {
-            let mut rest = 0.0;
-            for channel in 0..channels {
-                rest += columns.column(1 + channel)[k];
-            }
-            for unknown in 0..=layout.lobes {
-                let total: f64 = (0..CHANNELS).map(|channel| at.x[channel][unknown]).sum();
-                if total != 0.0 {
-                    rest -= total * columns.column(layout.column(unknown))[k];
-                }
-            }
-            (root[k] * rest) as f32
-        }));
+        self.lists.extend(rest.iter().zip(root).map(|(rest, root)| (rest * root) as f32));
         self.lists.extend(root.iter().map(|root| (root * root) as f32));
-        for &unknown in members.iter().filter(|&&unknown| unknown > 0) {
+        for &unknown in members(layout, at).0.iter().filter(|&&unknown| unknown > 0) {
             let shape = columns.column(layout.column(unknown));
             self.lists.extend(shape.iter().zip(root).map(|(shape, root)| (shape * root) as f32));
         }
+    }
+
+    /// How much each shape of the bank would lower the cost beside the model's, to first order; −∞ where it adds nothing. The lists are made.
+    fn score(&mut self, solver: &Solver, bank: &Bank, task: Task, model: &Model, at: &Amplitudes) {
+        let count = bank.count;
+        let layout = solver.layout(task.family, task.diffuse, model);
+        let (members, known) = members(layout, at);
+        let members = &members[..known];
         let lists = self.lists.len() / count.max(1);
         let products = Products32 { rows: &bank.shapes, lists: &self.lists, count, out: &mut self.products };
         solver.arch.dispatch(products);
@@ -315,7 +380,7 @@ impl Search {
         }
         let regular = linear::factor(&mut factor[..known * known], known);
         self.scores.clear();
-        for place in 0..bank.seen.len() {
+        for place in 0..bank.angles.len() {
             for exponent in 0..EXPONENTS {
                 let row = &self.products[(place * ROWS + exponent) * lists..][..lists];
                 // The square of a shape is the next row of the bank.
@@ -341,7 +406,7 @@ impl Search {
     }
 
     fn is_maximum(&self, bank: &Bank, index: usize) -> bool {
-        let (score, directions) = (self.scores[index], bank.seen.len());
+        let (score, directions) = (self.scores[index], bank.angles.len());
         let (place, exponent) = (index / EXPONENTS, index % EXPONENTS);
         let at = |place: usize, exponent: usize| self.scores[place % directions * EXPONENTS + exponent];
         score.is_finite()
@@ -350,6 +415,19 @@ impl Search {
             && (directions < 2 || score >= at(place + directions - 1, exponent))
             && (directions < 2 || score > at(place + 1, exponent))
     }
+}
+
+/// The linear unknowns that are free in any channel, filled up with zeros, and how many they are.
+fn members(layout: Layout, at: &Amplitudes) -> ([usize; LINEAR], usize) {
+    let mut members = [0; LINEAR];
+    let mut known = 0;
+    for unknown in 0..=layout.lobes {
+        if (0..layout.channels).any(|channel| at.free[channel][unknown]) {
+            members[known] = unknown;
+            known += 1;
+        }
+    }
+    (members, known)
 }
 
 /// Optimises within the task's family. An anisotropic fit of lobes that are still isotropic first finds their direction.

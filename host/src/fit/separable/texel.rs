@@ -6,12 +6,14 @@ use super::super::model::Model;
 use super::super::samples::Samples;
 use super::super::texel::{TexelFit, affordable_lobes};
 use super::super::{Diffuse, FitOptions, Residual, diffuse};
+use super::bank::Bank;
 use super::choice;
 use super::data::{Data, Poses};
 use super::normal::Amplitudes;
+use super::robust;
 use super::shape::Family;
 use super::solver::Solver;
-use super::start::{Bank, Effort, Found, Search, Task};
+use super::start::{self, Effort, Found, Known, Search, Task};
 use super::uncertainty::{self, Sigma};
 use crate::reflectance::{LobeBrdf, Rgb};
 use crate::sampled::SampledSbrdf;
@@ -24,7 +26,14 @@ pub struct Workspace {
     /// Shapes for the block of texels at hand.
     pub bank: Bank,
     search: Search,
+    /// What was found at the last texel of every column of the block.
+    columns: Vec<Vec<Trail>>,
+    /// Texels of the block that started from a neighbour, and those of them that did not have to search after all.
+    followed: [usize; 2],
 }
+
+/// What was found for channels that are fitted together: models of the task's own family, and isotropic ones where there is a choice.
+type Trail = [Vec<Known>; 2];
 
 /// Reading a texel's samples, as vector code.
 struct Load<'a>(&'a mut Data, &'a Poses, &'a SampledSbrdf, usize);
@@ -91,6 +100,9 @@ impl WithSimd for Squares<'_> {
     }
 }
 
+/// One texel in so many starts from a neighbour where that seldom succeeds.
+const SELDOM: usize = 4;
+
 /// The channels that are fitted together.
 pub fn channel_groups(options: &FitOptions) -> &'static [&'static [usize]] {
     if options.separate_channels { &[&[0], &[1], &[2]] } else { &[&[0, 1, 2]] }
@@ -115,6 +127,8 @@ impl Workspace {
     pub fn settle(&mut self, poses: &Poses, sampled: &SampledSbrdf, index: usize) {
         self.solver.data.look(poses, sampled.position_mm(index));
         self.bank.fill(&self.solver.data.products, self.solver.data.cone);
+        self.columns.clear();
+        self.followed = [0; 2];
     }
 
     /// Reads the samples of texel `index`.
@@ -128,9 +142,36 @@ impl Workspace {
         self.bank.fill(&self.solver.data.products, self.solver.data.cone);
     }
 
+    /// Fits the samples that were read, of the texel that follows in the block's order, row by row; `column` is its place in the row. It
+    /// starts from what was found left of it and above it, and searches where that does not lead to as good a fit.
+    pub fn fit_next(&mut self, options: &FitOptions, column: usize) -> TexelFit {
+        let mut columns = std::mem::take(&mut self.columns);
+        let sides = [
+            column.checked_sub(1).and_then(|left| columns.get(left)),
+            columns.get(column),
+            columns.get(column + 1),
+        ];
+        let near: Vec<&Vec<Trail>> = sides.into_iter().flatten().collect();
+        let mut trails = Vec::new();
+        let fit = self.fit_by(options, |workspace, group, task| {
+            let near: Vec<&Trail> = near.iter().filter_map(|trails| trails.get(group)).collect();
+            let (task, model, trail) = workspace.search(task, &near);
+            trails.truncate(group);
+            trails.push(trail);
+            (task, model)
+        });
+        columns.resize_with(columns.len().max(column + 1), Vec::new);
+        columns[column] = trails;
+        self.columns = columns;
+        fit
+    }
+
     /// Fits the samples that were read. With fewer samples than unknowns fewer lobes are fitted, with none the texel is black.
     pub fn fit(&mut self, options: &FitOptions) -> TexelFit {
-        self.fit_by(options, |workspace, _, task| workspace.search(task))
+        self.fit_by(options, |workspace, _, task| {
+            let (task, model, _) = workspace.search(task, &[]);
+            (task, model)
+        })
     }
 
     /// As [`Self::fit`] by another search: given the place of a group of channels, at which the samples are aimed, and its task.
@@ -147,20 +188,54 @@ impl Workspace {
         for (place, channels) in channel_groups(options).iter().enumerate() {
             let arch = self.solver.arch;
             let task = self.aim(options, channels);
-            let (task, model) = search(self, place, task);
+            let (mut task, mut model) = search(self, place, task);
+            if options.robust {
+                (task, model) = self.withstand(options, channels, (task, model), |workspace, task| {
+                    search(workspace, place, task)
+                });
+            }
             let at = self.solver.evaluate(task.family, task.diffuse, &model);
-            let group = self.brdf(channels, &model, &at);
-            brdf.rho_d += group.rho_d;
-            brdf.beta = group.beta;
-            brdf.lobes.extend(group.lobes);
+            let part = self.brdf(channels, &model, &at);
+            brdf.rho_d += part.rho_d;
+            brdf.beta = part.beta;
+            brdf.lobes.extend(part.lobes);
             let of_group = uncertainty::sigma(&self.solver, task.family, task.diffuse, &model, &at);
             sigma.take(channels, of_group, model.beta);
             let squares = arch.dispatch(Squares(&self.solver, &at, channels, model.lobes.len()));
             (error, whole) = (error + squares.0, whole + squares.1);
         }
+        if !options.choose && !options.separate_channels {
+            sigma.lobes.resize(options.lobes, uncertainty::untold(&self.solver));
+        }
         let rms = (error / (3 * valid).max(1) as f64).sqrt();
         let relative = if whole > 0.0 { (error / whole).sqrt() } else { 0.0 };
         TexelFit { brdf, rms, relative, samples: valid, sigma: Some(sigma), held: false }
+    }
+
+    /// The fit of samples some of which may lie far off: their weights and the fit follow each other.
+    fn withstand(
+        &mut self,
+        options: &FitOptions,
+        channels: &[usize],
+        (mut task, mut model): (Task, Model),
+        mut search: impl FnMut(&mut Self, Task) -> (Task, Model),
+    ) -> (Task, Model) {
+        let mut factors = vec![1.0; self.solver.data.len()];
+        for round in 0..robust::ROUNDS {
+            let at = self.solver.evaluate(task.family, task.diffuse, &model);
+            let layout = self.solver.layout(task.family, task.diffuse, &model);
+            factors = robust::factors(round, &self.solver, layout, &at, &factors);
+            let whole = self.aim(options, channels);
+            self.solver.data.reweigh(&factors);
+            self.solver.begin();
+            if round == 0 {
+                // Outliers may have drawn a lobe to where it would not come back from.
+                (task, model) = search(self, whole);
+            } else {
+                start::minimise(&mut self.solver, task, task.effort.limits, &mut model);
+            }
+        }
+        (task, model)
     }
 
     /// Weights the samples that were read for fitting `channels` together; what is then to be done.
@@ -189,15 +264,52 @@ impl Workspace {
         }
     }
 
-    /// The model that the search finds, with the task whose family it belongs to: where the number of lobes is a choice, so is isotropy.
-    fn search(&mut self, task: Task) -> (Task, Model) {
-        let found = self.search.best(&mut self.solver, &self.bank, task);
-        if task.choose && task.family == Family::Anisotropic {
-            let isotropic = Task { family: Family::Isotropic, ..task };
-            let other = self.search.best(&mut self.solver, &self.bank, isotropic);
-            return task.better_family(found, other);
+    /// The model that is found, with the task whose family it belongs to: where the number of lobes is a choice, so is isotropy.
+    fn search(&mut self, task: Task, near: &[&Trail]) -> (Task, Model, Trail) {
+        let of = |family: usize| near.iter().map(|trail| &trail[family][..]).collect::<Vec<_>>();
+        if !task.choose || task.family != Family::Anisotropic {
+            let found = self.follow_or_search(task, &of(0), None);
+            return (task, found.model, [found.known, Vec::new()]);
         }
-        (task, found.model)
+        let isotropic = Task { family: Family::Isotropic, ..task };
+        let other = self.follow_or_search(isotropic, &of(1), None);
+        let found = self.follow_or_search(task, &of(0), Some(&other.known));
+        let trail = [found.known.clone(), other.known.clone()];
+        let (task, model) = task.better_family(found, other);
+        (task, model, trail)
+    }
+
+    /// From the neighbour whose shapes describe this texel best, or else from the isotropic models where there are such, or from the bank.
+    fn follow_or_search(&mut self, task: Task, near: &[&[Known]], isotropic: Option<&[Known]>) -> Found {
+        let Self { solver, bank, search, followed: [tried, succeeded], .. } = self;
+        // Where neighbours have little in common, few texels try.
+        let worth_it = 2 * *succeeded >= *tried || *tried % SELDOM == 0;
+        let mut start: Option<(f64, &[Known])> = None;
+        for known in near.iter().filter(|_| worth_it) {
+            let Some(last) = known.last() else { continue };
+            let mut model = last.model.clone();
+            solver.refer(&mut model);
+            let cost =
+                if near.len() > 1 { solver.evaluate(task.family, task.diffuse, &model).cost } else { 0.0 };
+            if start.is_none_or(|(least, _)| cost < least) {
+                start = Some((cost, known));
+            }
+            if start::may_do(solver, cost, last) {
+                break;
+            }
+        }
+        *tried += usize::from(!near.is_empty());
+        if let Some((_, known)) = start
+            && let Some(found) = start::follow(solver, task, known)
+        {
+            *succeeded += 1;
+            return found;
+        }
+        if let Some(known) = isotropic {
+            return search.widened(solver, bank, task, known);
+        }
+        let effort = if near.is_empty() { Effort::thorough(task.lobes) } else { task.effort };
+        search.best(solver, bank, Task { effort, ..task })
     }
 
     /// The BRDF of the channels that were fitted together.

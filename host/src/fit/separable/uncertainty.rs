@@ -61,6 +61,14 @@ impl Sigma {
     }
 }
 
+/// The error of n is normal on a logarithmic scale: its standard deviation is stated so that this many of it reach upwards as far as so
+/// many of ln n's.
+const REACH: f64 = 5.0;
+/// A lobe is told from noise where the sum of squares without it would be larger by so many times the noise's variance. The best of
+/// all shapes takes up to about 40 of it from samples that hold nothing but noise.
+const TOLD: f64 = 50.0;
+/// Standard deviation of n over n beyond which it says nothing: shapes far from the one that was found then fit as well.
+const VAGUE: f64 = 0.2;
 /// Standard deviation of an unknown shape about which the samples say nothing.
 const UNTOLD: f64 = 1e3;
 
@@ -102,23 +110,31 @@ impl Covariance {
 
     /// gᵀ cov g.
     fn along(&self, gradient: &[f64; UNKNOWNS]) -> f64 {
-        self.between(gradient, gradient).max(0.0)
+        let product = gradient.iter().zip(self.times(gradient)).map(|(g, x)| g * x);
+        product.sum::<f64>().max(0.0)
     }
 
-    /// gᵀ cov h.
-    pub(super) fn between(&self, g: &[f64; UNKNOWNS], h: &[f64; UNKNOWNS]) -> f64 {
-        let row = |i: usize| (0..self.size).map(|j| self.matrix[i * self.size + j] * h[j]).sum::<f64>();
-        (0..self.size).filter(|&i| g[i] != 0.0).map(|i| g[i] * row(i)).sum()
+    /// cov g.
+    pub(super) fn times(&self, g: &[f64; UNKNOWNS]) -> [f64; UNKNOWNS] {
+        let mut product = [0.0; UNKNOWNS];
+        for (row, place) in self.matrix.chunks_exact(self.size.max(1)).zip(&mut product).take(self.size) {
+            *place = row.iter().zip(g).map(|(x, g)| x * g).sum();
+        }
+        product
     }
 }
 
 /// The standard deviations at a model that was evaluated last, for the channels that were fitted together (in their order).
 pub fn sigma(solver: &Solver, family: Family, diffuse: bool, model: &Model, at: &Amplitudes) -> Sigma {
     let layout = solver.layout(family, diffuse, model);
+    // What is held at the cap of amplitudes is not known any better for that.
+    let mut at = *at;
+    for (free, x) in at.free.iter_mut().flatten().zip(at.x.iter().flatten()) {
+        *free |= *x > 0.0;
+    }
+    let at = &at;
     let normal = normal::normal(&solver.gram, layout, at);
-    let free: usize = at.free.iter().take(layout.channels).flatten().filter(|&&free| free).count();
-    let freedom = (solver.data.valid * layout.channels).saturating_sub(free + normal.size).max(1);
-    let variance = at.cost / freedom as f64;
+    let variance = variance(solver, layout, at);
     let covariance = Covariance::new(&normal);
     let lobes = model.lobes.len();
     let mut sigma = Sigma { lobes: vec![LobeSigma::default(); lobes], ..Sigma::default() };
@@ -130,16 +146,67 @@ pub fn sigma(solver: &Solver, family: Family, diffuse: bool, model: &Model, at: 
         gradient[family.unknown(0, 3, lobes)] = 1.0;
         sigma.beta = (variance * covariance.along(&gradient)).sqrt().min(std::f64::consts::FRAC_PI_4);
     }
+    let told = told(solver, layout, at);
     for channel in 0..layout.channels {
         let of_channel = of_amplitudes(solver, layout, model, at, channel, &covariance);
         let deviation = |unknown: usize| (variance * of_channel[unknown]).sqrt() / solver.data.scale[channel];
         sigma.rho_d[channel] = deviation(0);
         for (index, lobe) in sigma.lobes.iter_mut().enumerate() {
-            lobe.rho_s[channel] =
-                deviation(1 + index).min(solver.data.most[channel] / solver.data.scale[channel]);
+            lobe.rho_s[channel] = deviation(1 + index).min(most(solver, channel));
+        }
+    }
+    for (index, lobe) in sigma.lobes.iter_mut().enumerate() {
+        if lobe.n > VAGUE * model.lobes[index].n || !told[index] {
+            *lobe = untold(solver);
         }
     }
     sigma
+}
+
+/// σ² of a weighted residual, from the cost.
+fn variance(solver: &Solver, layout: Layout, at: &Amplitudes) -> f64 {
+    let free = at.free.iter().take(layout.channels).flatten().filter(|&&free| free).count();
+    let unknowns = free + layout.family.size(layout.lobes);
+    at.cost / (solver.data.valid * layout.channels).saturating_sub(unknowns).max(1) as f64
+}
+
+/// Which lobes of a model that was evaluated last are told from noise.
+pub fn told(solver: &Solver, layout: Layout, at: &Amplitudes) -> Vec<bool> {
+    let mut rises = vec![0.0; layout.lobes];
+    for (x, free) in at.x.iter().zip(&at.free).take(layout.channels) {
+        let members: Vec<usize> = (0..=layout.lobes).filter(|&unknown| free[unknown]).collect();
+        let Some(factor) = factor(solver, layout, &members) else { continue };
+        for (place, &unknown) in members.iter().enumerate().filter(|&(_, &unknown)| unknown > 0) {
+            let mut own = [0.0; LINEAR];
+            own[place] = 1.0;
+            linear::substitute(&factor, &mut own[..members.len()]);
+            rises[unknown - 1] += x[unknown] * x[unknown] / own[place];
+        }
+    }
+    let least = TOLD * variance(solver, layout, at);
+    rises.into_iter().map(|rise| rise > least).collect()
+}
+
+/// The Cholesky factor of the products of some linear unknowns; none where they are not independent.
+fn factor(solver: &Solver, layout: Layout, members: &[usize]) -> Option<Vec<f64>> {
+    let count = members.len();
+    let mut factor: Vec<f64> = (0..count * count)
+        .map(|k| (layout.column(members[k / count]), layout.column(members[k % count])))
+        .map(|(a, b)| solver.gram[a * WIDTH + b] * if a == b { 1.0 + 1e-12 } else { 1.0 })
+        .collect();
+    linear::factor(&mut factor, count).then_some(factor)
+}
+
+/// The standard deviations of a lobe about which the samples say nothing.
+pub fn untold(solver: &Solver) -> LobeSigma {
+    let channels = solver.data.channels;
+    let rho_s = std::array::from_fn(|k| if k < channels { most(solver, k) } else { 0.0 });
+    LobeSigma { rho_s, c: DVec3::ONE, n: EXPONENTS[1] }
+}
+
+/// Largest amplitude of a lobe.
+fn most(solver: &Solver, channel: usize) -> f64 {
+    solver.data.most[channel] / solver.data.scale[channel]
 }
 
 /// The unknowns that turn a lobe's C, with the derivatives of C and of ln(reference) by them.
@@ -180,8 +247,9 @@ fn of_shape(
         c[axis] = (variance * covariance.along(&gradient)).sqrt().min(1.0);
     }
     let mut gradient = [0.0; UNKNOWNS];
-    gradient[layout.family.unknown(index, 0, layout.lobes)] = lobe.n;
-    (c, (variance * covariance.along(&gradient)).sqrt().min(EXPONENTS[1]))
+    gradient[layout.family.unknown(index, 0, layout.lobes)] = 1.0;
+    let of_ln_n = (variance * covariance.along(&gradient)).sqrt();
+    (c, (lobe.n * ((REACH * of_ln_n).exp() - 1.0) / REACH).min(EXPONENTS[1]))
 }
 
 /// How a channel's free amplitudes follow the samples and the shapes.
@@ -199,16 +267,9 @@ impl Response {
     pub(super) fn new(solver: &Solver, layout: Layout, at: &Amplitudes, channel: usize) -> Option<Self> {
         let (gram, x) = (&solver.gram, &at.x[channel]);
         let members: Vec<usize> = (0..=layout.lobes).filter(|&unknown| at.free[channel][unknown]).collect();
-        let count = members.len();
         let entry = |a: usize, b: usize| gram[a * WIDTH + b];
-        let mut factor: Vec<f64> = (0..count * count)
-            .map(|k| (layout.column(members[k / count]), layout.column(members[k % count])))
-            .map(|(a, b)| entry(a, b) * if a == b { 1.0 + 1e-12 } else { 1.0 })
-            .collect();
-        if !linear::factor(&mut factor, count) {
-            return None;
-        }
-        let mut by_shape = vec![[0.0; UNKNOWNS]; count];
+        let factor = factor(solver, layout, &members)?;
+        let mut by_shape = vec![[0.0; UNKNOWNS]; members.len()];
         for lobe in 0..layout.lobes {
             for column in 0..layout.family.derivatives() {
                 let derivative = layout.derivative(lobe, column);
