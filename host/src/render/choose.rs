@@ -326,7 +326,7 @@ mod tests {
                 .meet(&scene.camera, max_error)
                 .unwrap();
             let error = compare::compare(&outcome.rendering.picture, &truth).unwrap().relative_rmse;
-            let last = outcome.tried.iter().filter(|tried| tried.actual.is_some()).next_back().unwrap();
+            let last = outcome.tried.iter().rfind(|tried| tried.actual.is_some()).unwrap();
             assert!(error < 1.1 * max_error, "{error} for {max_error}: {:?}", outcome.tried);
             assert!(last.method == outcome.chosen.method && last.actual.unwrap()[1] <= max_error);
         }
