@@ -6,7 +6,7 @@
 //! |---|---|---|
 //! | bilinear lookup of S^(1/n) at angular spacing h | at most n h² / 4 for a point of light, whose root is a cosine | h² = [`PIXEL`] E / n |
 //! | light gathered into points at spacing p | n p² / 24 (1 + 2 ln 1/c) for even light where the lobe is c of its peak | p² = [`GATHERED`] E / n |
-//! | both for n < 2, where the lobe's edge at 90° shows | h / 8 of the peak in a band of width h | [`EDGE`] for n |
+//! | both for n < 2, where the lobe's edge at 90° shows | h / 8 of the peak in a band of width h | [`EDGE`] for n in h, a quarter of it in p |
 //! | the lobe's end | measured at probes | E / 10 |
 //! | blended exponents | measured at probes | E / 2 |
 //!
@@ -38,19 +38,16 @@ const STEPS: [u32; 6] = [1, 2, 3, 4, 6, 8];
 /// Directions in which errors are measured.
 const PROBES: usize = 96;
 
-/// What angles are chosen by.
-fn effective(n: f32) -> f32 {
-    if n < 2.0 { EDGE } else { n.max(WIDEST) }
-}
-
 /// Spacing of the light's points for an exponent, radians.
 fn source_spacing(n: f32, error: f32) -> f32 {
-    (GATHERED * error / effective(n)).sqrt()
+    let n = if n < 2.0 { EDGE / 4.0 } else { n.max(WIDEST) };
+    (GATHERED * error / n).sqrt()
 }
 
 /// Rows of the map of an exponent.
 pub(super) fn map_height(n: f32, error: f32) -> usize {
-    ((PI / (PIXEL * error / effective(n)).sqrt()).ceil() as usize).max(16)
+    let n = if n < 2.0 { EDGE } else { n.max(WIDEST) };
+    ((PI / (PIXEL * error / n).sqrt()).ceil() as usize).max(16)
 }
 
 /// What errors are measured by.

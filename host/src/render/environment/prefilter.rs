@@ -102,6 +102,7 @@ impl Prefiltered {
             let (source, cap) = accuracy::prepared(&image, n, error);
             make(&source, &cap, height)
         };
+        let diffuse = map(1.0, accuracy::map_height(1.0, error))?;
         let nodes = nodes(&image, range, encoding, error);
         let finest = nodes.last().map_or(0, |&n| accuracy::map_height(n, error));
         let levels = nodes.len() - 1;
@@ -110,11 +111,11 @@ impl Prefiltered {
                 Encoding::Slices => accuracy::map_height(n, error),
                 Encoding::Mips => (finest >> (levels - k)).max(4),
             };
-            Ok((n, map(n, height)?))
+            let same = n == 1.0 && height == diffuse.height;
+            Ok((n, if same { diffuse.clone() } else { map(n, height)? }))
         });
         let slices = slices.collect::<Result<_>>()?;
-        let diffuse = (1.0, map(1.0, accuracy::map_height(1.0, error))?);
-        Ok(Self { rotation: environment.rotation, slices, diffuse })
+        Ok(Self { rotation: environment.rotation, slices, diffuse: (1.0, diffuse) })
     }
 
     /// On the CPU.
