@@ -81,8 +81,9 @@ fn the_gpu_comes_to_the_cost_and_the_reflectance_of_the_cpu() {
     if !is_there() {
         return;
     }
-    // Two anisotropic lobes lie in long valleys, along which the tolerance stops both at different places.
-    for (lobes, isotropic, cost, reflectance) in [(1, true, 1e-4, 1e-3), (2, false, 2e-2, 1e-2)] {
+    // Two anisotropic lobes lie in long valleys, along which the tolerance stops both at different places; the CPU has starts from
+    // neighbours and from the largest residuals besides.
+    for (lobes, isotropic, cost, reflectance) in [(1, true, 1e-4, 1e-3), (2, false, 5e-2, 1e-2)] {
         let options = FitOptions { lobes, isotropic, residual: Residual::Linear, ..FitOptions::default() };
         let maps = both(&sampled(lobes, !isotropic), &options);
         let (costs, differences) = (cost_differences(&maps), differences(&maps));
