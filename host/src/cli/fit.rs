@@ -115,6 +115,9 @@ pub(super) enum MethodName {
     LineSearch,
     /// Levenberg–Marquardt over shapes and albedos, on luminance, then colours
     Lm,
+    /// As lm, with one colour for all lobes as published: the mean ratio of the samples to the lobes; for comparison, since it fails with
+    /// noise where the lobes are near zero. Texels alone
+    Ratio,
 }
 
 /// Names of devices on the command line.
@@ -176,6 +179,7 @@ impl FitArgs {
         match self.method {
             MethodName::LineSearch => Method::LineSearch,
             MethodName::Separable => Method::Separable,
+            MethodName::Ratio => Method::Ratio,
             MethodName::Auto if residual.is_linear() => Method::Separable,
             MethodName::Auto | MethodName::Lm => Method::Lm,
         }

@@ -224,3 +224,30 @@ fn published_materials_with_noise_come_back_within_three_percent_unless_the_pose
         assert!(median(&errors) < bound, "{name}: {errors:?}");
     }
 }
+
+/// The error of one lobe's fit to 200 poses, by `method`; those with a base of the lobe below `least` are left out.
+fn error_of(method: Method, n: f32, least: f32, noise: f32) -> f64 {
+    let lobe = Lobe { rho_s: Rgb::new(0.6, 0.3, 0.1), c: glam::Vec3::new(-1.0, -1.0, 0.97), n };
+    let truth = LobeBrdf { rho_d: Rgb::new(0.1, 0.2, 0.3), lobes: vec![lobe], ..LobeBrdf::default() };
+    let base = |wi: glam::Vec3, wo: glam::Vec3| (wi * wo).dot(lobe.c);
+    let pairs: Vec<_> = directions(400, 3).into_iter().filter(|&(wi, wo)| base(wi, wo) > least).collect();
+    let mut random = Random::new(8);
+    let mut workspace = Workspace::default();
+    for &(wi, wo) in &pairs {
+        let mut normal = || noise * random.normal() as f32;
+        let error = Rgb::new(normal(), normal(), normal());
+        workspace.samples.push_rgb(wi, wo, truth.eval(wi, wo) + error, 1.0);
+    }
+    let fit = texel::fit(&mut workspace, &FitOptions { method, ..FitOptions::default() });
+    relative_error(&fit.brdf, &truth, &pairs)
+}
+
+#[test]
+fn mean_ratios_give_the_colours_of_exact_samples_and_fail_with_noise_where_the_lobe_is_near_zero() {
+    let broad = error_of(Method::Ratio, 3.0, 0.4, 0.0);
+    println!("exact, base above 0.4: {broad:.1e}");
+    assert!(broad < 1e-3, "{broad}");
+    let [ratio, squares] = [Method::Ratio, Method::Lm].map(|method| error_of(method, 40.0, -1.0, 1e-3));
+    println!("noise 1e-3, all directions: mean ratios {ratio:.3}, least squares {squares:.4}");
+    assert!(squares < 0.02 && ratio > 0.2, "{ratio} {squares}");
+}
