@@ -18,7 +18,8 @@ pub struct PoseGeometry {
     pub light_mm: DVec3,
     /// Centre of projection of the camera, mm.
     pub camera_mm: DVec3,
-    /// Weight of the pose's samples in a fit; 0 for a pose that was rejected.
+    /// Weight of the pose's squared residuals in every fit: the inverse of its noise's variance (in units of any pose's) where that is
+    /// known, else 1; 0 for a pose that was rejected.
     pub weight: f64,
 }
 

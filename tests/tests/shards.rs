@@ -40,7 +40,7 @@ fn two_processes_and_a_merge_give_the_bytes_of_one_run_and_can_be_started_again(
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path();
     write_sampled(&path.join("s.zarr"));
-    succeed(path, &["fit", "s.zarr", "--lobes", "1", "-o", "whole.exr"]);
+    succeed(path, &["fit", "s.zarr", "--lobes", "1", "--mip", "-o", "whole.exr"]);
     let both = [("1/2", "a.exr"), ("2/2", "b.exr")].map(|(part, output)| {
         let mut command = lobelia(path, &shard(part, output));
         command.stdout(std::process::Stdio::piped()).stderr(std::process::Stdio::piped()).spawn().unwrap()
@@ -49,9 +49,22 @@ fn two_processes_and_a_merge_give_the_bytes_of_one_run_and_can_be_started_again(
         let said = said(process.wait_with_output().unwrap());
         assert_eq!(said.code, Some(0), "{}", said.stderr);
     }
-    succeed(path, &["fit", "s.zarr", "--merge", "b.exr", "a.exr", "-o", "material.exr"]);
+    let mip = ["fit", "s.zarr", "--lobes", "1", "--mip", "--merge", "b.exr", "a.exr", "-o", "material.exr"];
+    succeed(path, &mip);
     let bytes = |name: &str| fs::read(path.join(name)).unwrap();
-    assert!(bytes("material.exr") == bytes("whole.exr"), "the merged map differs from that of one run");
+    let levels: Vec<String> = (1..=6).map(|level| format!(".mip{level}")).collect();
+    for level in std::iter::once("").chain(levels.iter().map(String::as_str)) {
+        let [merged, whole] = ["material", "whole"].map(|name| bytes(&format!("{name}{level}.exr")));
+        assert!(merged == whole, "the merged map{level} differs from that of one run");
+    }
+    succeed(path, &["fit", "--merge", "b.exr", "a.exr", "-o", "finest.exr"]);
+    assert!(bytes("finest.exr") == bytes("whole.exr") && !path.join("finest.mip1.exr").exists());
+    let others = ["fit", "s.zarr", "--lobes", "0", "--mip", "--merge", "b.exr", "a.exr", "-o", "m.exr"];
+    run(path, &others).refuses(2, &["b.exr", "other options"]);
+    let blind = ["fit", "--lobes", "1", "--mip", "--merge", "b.exr", "a.exr", "-o", "m.exr"];
+    run(path, &blind).refuses(2, &["name the sampled SBRDF"]);
+    let part = ["fit", "s.zarr", "--chunks", "1/2", "--mip", "-o", "m.exr"];
+    run(path, &part).refuses(2, &["give --mip to --merge"]);
 
     let before = bytes("a.exr");
     assert!(succeed(path, &shard("1/2", "a.exr")).contains("there already"));

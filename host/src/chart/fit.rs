@@ -32,8 +32,9 @@ pub fn chart(seed: u64) -> Result<Chart> {
         .num_threads(1)
         .build()
         .map_err(|error| Error::failure(format!("a thread cannot be started: {error}")))?;
-    let mut sections =
-        pool.install(|| -> Result<Vec<Section>> { Ok(vec![methods(seed)?, amounts(seed)?, weave(seed)?]) })?;
+    let mut sections = pool.install(|| -> Result<Vec<Section>> {
+        Ok(vec![methods(seed)?, super::residual::section(seed)?, amounts(seed)?, weave(seed)?])
+    })?;
     sections.push(super::device::section(seed)?);
     Ok(Chart {
         name: "fit".into(),
@@ -54,7 +55,7 @@ fn candidates() -> Vec<(String, FitOptions)> {
         ..FitOptions::default()
     };
     let mut candidates = vec![("line search, 1 lobe".to_string(), one(Method::LineSearch, 1, false))];
-    for (method, most) in [(Method::Lm, 3), (Method::Separable, MOST_LOBES)] {
+    for (method, most) in [(Method::Ratio, 2), (Method::Lm, 3), (Method::Separable, MOST_LOBES)] {
         for lobes in 0..=most {
             let plural = if lobes == 1 { "lobe" } else { "lobes" };
             candidates.push((format!("{}, {lobes} {plural}", method.name()), one(method, lobes, false)));
@@ -129,11 +130,16 @@ fn methods(seed: u64) -> Result<Section> {
     })
 }
 
+/// Pairs of directions that samples of the same seed were not posed at.
+pub(super) fn unposed(seed: u64) -> Vec<(Vec3, Vec3)> {
+    (synth::poses(300, seed ^ 0x7465_7374).iter())
+        .map(|pose| (pose.light_mm.normalize().as_vec3(), pose.camera_mm.normalize().as_vec3()))
+        .collect()
+}
+
 /// Relative errors of the texels on unposed directions, sorted.
 pub(super) fn errors(map: &SbrdfMap, truth: &[LobeBrdf], seed: u64) -> Vec<f64> {
-    let pairs: Vec<(Vec3, Vec3)> = (synth::poses(300, seed ^ 0x7465_7374).iter())
-        .map(|pose| (pose.light_mm.normalize().as_vec3(), pose.camera_mm.normalize().as_vec3()))
-        .collect();
+    let pairs = unposed(seed);
     let error = |(index, truth): (usize, &LobeBrdf)| {
         let (mut off, mut all) = (0.0f64, 0.0f64);
         for &(wi, wo) in &pairs {

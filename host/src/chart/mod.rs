@@ -20,6 +20,7 @@ pub mod lights;
 pub mod plan;
 mod plot;
 pub mod render;
+mod residual;
 pub mod stability;
 pub mod storage;
 mod table;

@@ -75,8 +75,9 @@ pub(super) struct FitArgs {
     /// Fit part I of N of a sampled SBRDF and write it as a shard for --merge; a shard that is there already is left as it is
     #[arg(long, value_name = "I/N", conflicts_with = "merge")]
     pub(super) chunks: Option<Part>,
-    /// Fit MIP levels as well, each to the samples averaged over its texels, down to one texel: FILE.mip1.exr, FILE.mip2.exr, …
-    #[arg(long, conflicts_with_all = ["chunks", "merge"])]
+    /// Fit MIP levels as well, each to the samples averaged over its texels, down to one texel: FILE.mip1.exr, FILE.mip2.exr, … For a fit
+    /// in parts give it to --merge, with the sampled SBRDF and the options of the parts
+    #[arg(long)]
     pub(super) mip: bool,
     /// Join the shards of all parts into the map: the same, byte for byte, as of one run
     #[arg(long, value_name = "SHARD.exr", num_args = 1..)]
@@ -114,6 +115,9 @@ pub(super) enum MethodName {
     LineSearch,
     /// Levenberg–Marquardt over shapes and albedos, on luminance, then colours
     Lm,
+    /// As lm, with one colour for all lobes as published: the mean ratio of the samples to the lobes; for comparison, since it fails with
+    /// noise where the lobes are near zero. Texels alone
+    Ratio,
 }
 
 /// Names of devices on the command line.
@@ -175,6 +179,7 @@ impl FitArgs {
         match self.method {
             MethodName::LineSearch => Method::LineSearch,
             MethodName::Separable => Method::Separable,
+            MethodName::Ratio => Method::Ratio,
             MethodName::Auto if residual.is_linear() => Method::Separable,
             MethodName::Auto | MethodName::Lm => Method::Lm,
         }
@@ -256,43 +261,25 @@ fn output(args: &FitArgs) -> Result<&Path> {
 
 fn fit_sampled(args: &FitArgs, input: &Path) -> Result<FitOutcome> {
     let output = output(args)?;
-    if !args.hold_out_theta_deg.is_empty() || args.random_starts > 0 {
-        return Err(Error::input("--hold-out-theta-deg and --random-starts are for measured tables (.brdf)"));
+    let mut options = sampled_options(args)?;
+    if args.chunks.is_some() && args.mip {
+        return Err(Error::input(
+            "a part has the finest level alone; give --mip to --merge, which fits the others",
+        ));
     }
-    if args.model == ModelName::Ggx {
-        return Err(Error::input("--model ggx is for measured tables; texels are fitted with lobes alone"));
-    }
-    let residual = args.residual(FitOptions::default().residual);
-    let method = args.method(residual);
-    let (lobes, choose) = args.texel_lobes(method);
-    let mut options = FitOptions {
-        lobes,
-        choose,
-        method,
-        isotropic: args.isotropic || args.separate_channels,
-        separate_channels: args.separate_channels,
-        robust: args.robust,
-        diffuse: args.diffuse_percentile.map_or(Diffuse::Joint, Diffuse::Percentile),
-        residual,
-        device: if args.device == DeviceName::Gpu { Device::Gpu } else { Device::Cpu },
-        conserve_energy: args.conserve_energy,
-    };
-    options.check()?;
     let store = SampledStore::open(input)?;
-    if args.device == DeviceName::Auto && args.chunks.is_none() {
-        options.device = gpu::faster(&store, &options)?;
-    }
     if let Some(part) = args.chunks {
         return parts::fit(&store, &options, part, output);
+    }
+    if args.device == DeviceName::Auto {
+        options.device = gpu::faster(&store, &options)?;
     }
     let start = Instant::now();
     let map = chunks::fit_store(&store, &options)?;
     let seconds = start.elapsed().as_secs_f64();
     write_map(&map, output)?;
     if args.mip {
-        for level in 1..=mip::last([store.width, store.height]) {
-            write_map(&chunks::fit_level(&store, &options, level)?, &mip::path(output, level))?;
-        }
+        write_levels(&store, &options, output)?;
     }
     let outcome = sampled_outcome(&map, seconds);
     let (texels, poses) = (store.width * store.height, store.poses.len());
@@ -307,6 +294,41 @@ fn fit_sampled(args: &FitArgs, input: &Path) -> Result<FitOutcome> {
         outcome.residuals() + &energy_in_words(&map)
     ))?;
     Ok(outcome)
+}
+
+/// How texels are fitted; on the CPU unless the GPU was named.
+fn sampled_options(args: &FitArgs) -> Result<FitOptions> {
+    if !args.hold_out_theta_deg.is_empty() || args.random_starts > 0 {
+        return Err(Error::input("--hold-out-theta-deg and --random-starts are for measured tables (.brdf)"));
+    }
+    if args.model == ModelName::Ggx {
+        return Err(Error::input("--model ggx is for measured tables; texels are fitted with lobes alone"));
+    }
+    let residual = args.residual(FitOptions::default().residual);
+    let method = args.method(residual);
+    let (lobes, choose) = args.texel_lobes(method);
+    let options = FitOptions {
+        lobes,
+        choose,
+        method,
+        isotropic: args.isotropic || args.separate_channels,
+        separate_channels: args.separate_channels,
+        robust: args.robust,
+        diffuse: args.diffuse_percentile.map_or(Diffuse::Joint, Diffuse::Percentile),
+        residual,
+        device: if args.device == DeviceName::Gpu { Device::Gpu } else { Device::Cpu },
+        conserve_energy: args.conserve_energy,
+    };
+    options.check()?;
+    Ok(options)
+}
+
+/// Fits all MIP levels but the finest and writes each beside it.
+fn write_levels(store: &SampledStore, options: &FitOptions, finest: &Path) -> Result<()> {
+    for level in 1..=mip::last([store.width, store.height]) {
+        write_map(&chunks::fit_level(store, options, level)?, &mip::path(finest, level))?;
+    }
+    Ok(())
 }
 
 /// `2 lobes`, or how many texels took how many.

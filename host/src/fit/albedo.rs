@@ -1,7 +1,7 @@
 //! Colours once the shapes stand: ρ_d and every lobe's ρ_s a channel, non-negative, by least squares on the fit's own residual.
 //!
-//! The source takes the mean ratio (4.10), one colour for all lobes, which is unstable where f̄ is near zero. Here every
-//! lobe gets its colour. A residual that is not linear in f is linearised at the last solution and solved again, with halved
+//! The source takes the mean ratio (4.10), one colour for all lobes, which is unstable where f̄ is near zero ([`mean_ratio`], for
+//! comparison). Here every lobe gets its colour. A residual that is not linear in f is linearised at the last solution and solved again, with halved
 //! steps where that would raise the cost (Gauss–Newton).
 
 use super::linear;
@@ -30,6 +30,24 @@ pub fn solve(samples: &Samples, target: &Target, model: &Model, fixed_diffuse: O
         x.insert(0, offset);
     }
     x
+}
+
+/// The published colours (4.10): every lobe of the model, fitted to luminance, times the mean over the samples of (f − ρ_d) / f̄, with f̄ the
+/// lobes' sum. Takes ρ_d from `x`, as [`solve`] gives it, and replaces the rest; kept within the same bounds.
+pub fn mean_ratio(samples: &Samples, target: &Target, model: &Model, x: &mut [f64]) {
+    let lobes = Model { diffuse: 0.0, ..model.clone() };
+    let (mut sum, mut count) = (0.0, 0.0);
+    for (k, value) in target.value.iter().enumerate() {
+        let fitted = lobes.value(samples, k);
+        if fitted > 0.0 {
+            sum += (value - x[0]) / fitted;
+            count += 1.0;
+        }
+    }
+    for (amplitude, lobe) in x[1..].iter_mut().zip(&model.lobes) {
+        // A sum that overflows in both directions is no number; max makes it 0.
+        *amplitude = (lobe.amplitude * sum / count).max(0.0).min(target.most);
+    }
 }
 
 /// 1 (when ρ_d is unknown) and the shapes, [sample][column].

@@ -128,6 +128,18 @@ pub fn is_done(path: &Path, store: &SampledStore, options: &FitOptions, part: Pa
     Ok(())
 }
 
+/// Refuses a shard that was fitted with other options.
+///
+/// # Errors
+/// Input errors when the file is no shard, or one of other options.
+pub fn same_options(path: &Path, options: &FitOptions) -> Result<()> {
+    if read_shard(path)?.attributes[OPTIONS] == options_text(options) {
+        return Ok(());
+    }
+    let message = "was fitted with other options or by another version; name those of the parts, so that all levels are fitted alike";
+    Err(Error::input(format!("{}: this shard {message}", path.display())))
+}
+
 /// Joins all shards of a fit into its map. With a store, the shards are checked against its samples.
 ///
 /// # Errors

@@ -1,8 +1,8 @@
 //! Fits lobes (4.1)–(4.4) to sampled reflectance: texel by texel into an SBRDF map, or to one measured table.
 //!
-//! Three methods. [`Method::Separable`]: variable projection with the albedos of all channels in closed form ([`separable`]), for residuals
+//! Four methods. [`Method::Separable`]: variable projection with the albedos of all channels in closed form ([`separable`]), for residuals
 //! that are linear in f. [`Method::Lm`]: shapes by Levenberg–Marquardt on luminance ([`lm`]) from a deterministic search for the start ([`start`]),
-//! then the colours by non-negative least squares ([`albedo`]); any number of lobes up to [`MOST_LOBES`]. [`Method::LineSearch`]: the
+//! then the colours by non-negative least squares ([`albedo`]); any number of lobes up to [`MOST_LOBES`]. [`Method::Ratio`]: the same with the published colours (4.10). [`Method::LineSearch`]: the
 //! published search over n for one lobe ([`line_search`]), above a percentile for ρ_d ([`diffuse`]).
 
 pub mod albedo;
@@ -52,6 +52,8 @@ pub enum Method {
     Separable,
     /// Levenberg–Marquardt over shapes and amplitudes, any number of lobes and any residual.
     Lm,
+    /// As [`Self::Lm`], but with the published colours (4.10), one for all lobes: what least squares are compared with.
+    Ratio,
     /// The published line search over n, one lobe.
     LineSearch,
 }
@@ -62,6 +64,7 @@ impl Method {
         match self {
             Self::Separable => "separable",
             Self::Lm => "lm",
+            Self::Ratio => "ratio",
             Self::LineSearch => "line-search",
         }
     }
@@ -71,6 +74,7 @@ impl Method {
         match self {
             Self::Separable => "variable projection",
             Self::Lm => "Levenberg–Marquardt",
+            Self::Ratio => "Levenberg–Marquardt with mean ratios for colours",
             Self::LineSearch => "line search",
         }
     }
@@ -313,7 +317,7 @@ fn fit_window(sampled: &SampledSbrdf, options: &FitOptions, done: impl Fn() + Sy
     let mut fits = match options.method {
         Method::Separable if options.device == Device::Gpu => gpu::fit(sampled, options, &done)?,
         Method::Separable => fit_blocks(sampled, options, &done),
-        Method::Lm | Method::LineSearch => fit_texels(sampled, options, &done),
+        Method::Lm | Method::Ratio | Method::LineSearch => fit_texels(sampled, options, &done),
     };
     let free: Vec<f64> = fits.iter().map(|fit| fit.relative).collect();
     if options.conserve_energy {

@@ -1,6 +1,6 @@
 //! Fits one measured table, wavelength by wavelength with lobes of its own each, and says how well it predicts held-out rows.
 //!
-//! Tables of paint are isotropic: Cx = Cy and β = 0. Beside lobes a microfacet term can be fitted, and the data can choose ([`choice`]).
+//! Tables of paint are isotropic: Cx = Cy and β = 0. Beside lobes a microfacet term can be fitted, and the data can choose (module `choice`).
 
 mod choice;
 

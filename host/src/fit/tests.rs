@@ -119,6 +119,49 @@ fn a_map_does_not_depend_on_the_number_of_threads() {
     assert_eq!(with(1), with(3));
 }
 
+/// Variances of n and of ρ_s over 144 texels of one material. The noise grows with the signal, 5 % of it and 1e-3 sr⁻¹; `weights`
+/// says whether the poses weigh by the inverse of its variance.
+fn variances(method: Method, residual: Residual, weights: bool) -> [f64; 2] {
+    let lobe = Lobe { rho_s: Rgb::splat(0.8), c: glam::Vec3::new(-1.0, -1.0, 0.97), n: 30.0 };
+    let truth = LobeBrdf { rho_d: Rgb::splat(0.02), lobes: vec![lobe], ..LobeBrdf::default() };
+    let (noise, relative_noise) = (1e-3, 0.05);
+    // Texels this small see the poses in the same directions.
+    let options = crate::synth::Options {
+        width: 12,
+        height: 12,
+        texel_mm: 1e-6,
+        poses: 200,
+        noise,
+        relative_noise,
+        seed: 5,
+    };
+    let mut sampled = crate::synth::sample(&options, |_, _, wi, wo| truth.eval(wi, wo));
+    for pose in 0..if weights { options.poses } else { 0 } {
+        let (wi, wo) = sampled.directions(0, pose);
+        let deviation = relative_noise * f64::from(truth.eval(wi, wo).x);
+        sampled.poses[pose].weight = 1.0 / (noise * noise + deviation * deviation);
+    }
+    let map = fit_sbrdf(&sampled, &FitOptions { method, residual, ..FitOptions::default() }).unwrap();
+    let variance = |values: &mut dyn Iterator<Item = f32>| {
+        let values: Vec<f64> = values.map(f64::from).collect();
+        let mean = values.iter().sum::<f64>() / values.len() as f64;
+        values.iter().map(|value| (value - mean).powi(2)).sum::<f64>() / (values.len() - 1) as f64
+    };
+    let lobe = &map.lobes[0];
+    [variance(&mut lobe.n.iter().copied()), variance(&mut lobe.rho_s.iter().map(|rgb| rgb.y))]
+}
+
+#[test]
+fn poses_that_weigh_by_their_noise_lower_the_variance_of_n_and_rho_s() {
+    for method in [Method::Separable, Method::Lm] {
+        let [plain, weighted] = [false, true].map(|weights| variances(method, Residual::Linear, weights));
+        let proportional = variances(method, Residual::Proportional, false);
+        let gain = |other: [f64; 2]| [0, 1].map(|k| plain[k] / other[k]);
+        println!("{method:?}: weights {:.2?}, proportional {:.2?}", gain(weighted), gain(proportional));
+        assert!(gain(weighted).iter().all(|&gain| gain > 1.8), "{method:?}: {plain:?} {weighted:?}");
+    }
+}
+
 #[test]
 fn texels_without_or_with_few_samples_stay_finite_and_say_so() {
     let map = fit_sbrdf(&sampled(), &FitOptions::default()).unwrap();
@@ -180,4 +223,31 @@ fn published_materials_with_noise_come_back_within_three_percent_unless_the_pose
         let bound = if ["clay", "brushed-metal"].contains(&name) { 0.10 } else { 0.03 };
         assert!(median(&errors) < bound, "{name}: {errors:?}");
     }
+}
+
+/// The error of one lobe's fit to 200 poses, by `method`; those with a base of the lobe below `least` are left out.
+fn error_of(method: Method, n: f32, least: f32, noise: f32) -> f64 {
+    let lobe = Lobe { rho_s: Rgb::new(0.6, 0.3, 0.1), c: glam::Vec3::new(-1.0, -1.0, 0.97), n };
+    let truth = LobeBrdf { rho_d: Rgb::new(0.1, 0.2, 0.3), lobes: vec![lobe], ..LobeBrdf::default() };
+    let base = |wi: glam::Vec3, wo: glam::Vec3| (wi * wo).dot(lobe.c);
+    let pairs: Vec<_> = directions(400, 3).into_iter().filter(|&(wi, wo)| base(wi, wo) > least).collect();
+    let mut random = Random::new(8);
+    let mut workspace = Workspace::default();
+    for &(wi, wo) in &pairs {
+        let mut normal = || noise * random.normal() as f32;
+        let error = Rgb::new(normal(), normal(), normal());
+        workspace.samples.push_rgb(wi, wo, truth.eval(wi, wo) + error, 1.0);
+    }
+    let fit = texel::fit(&mut workspace, &FitOptions { method, ..FitOptions::default() });
+    relative_error(&fit.brdf, &truth, &pairs)
+}
+
+#[test]
+fn mean_ratios_give_the_colours_of_exact_samples_and_fail_with_noise_where_the_lobe_is_near_zero() {
+    let broad = error_of(Method::Ratio, 3.0, 0.4, 0.0);
+    println!("exact, base above 0.4: {broad:.1e}");
+    assert!(broad < 1e-3, "{broad}");
+    let [ratio, squares] = [Method::Ratio, Method::Lm].map(|method| error_of(method, 40.0, -1.0, 1e-3));
+    println!("noise 1e-3, all directions: mean ratios {ratio:.3}, least squares {squares:.4}");
+    assert!(squares < 0.02 && ratio > 0.2, "{ratio} {squares}");
 }

@@ -53,7 +53,11 @@ pub fn fit(workspace: &mut Workspace, options: &FitOptions) -> TexelFit {
         let mut amplitudes = Vec::with_capacity(channels.len());
         for &channel in *channels {
             target.set(samples, samples.rgb.iter().map(|rgb| rgb[channel]), options.residual);
-            amplitudes.push(albedo::solve(samples, target, &model, fixed.map(|rgb| rgb[channel])));
+            let mut of_channel = albedo::solve(samples, target, &model, fixed.map(|rgb| rgb[channel]));
+            if options.method == Method::Ratio {
+                albedo::mean_ratio(samples, target, &model, &mut of_channel);
+            }
+            amplitudes.push(of_channel);
         }
         let colour_of = |index: usize| {
             let mut colour = Rgb::ZERO;
@@ -101,7 +105,7 @@ pub(super) fn affordable_lobes(count: usize, options: &FitOptions) -> usize {
 fn fixed_diffuse(samples: &Samples, options: &FitOptions, lobes: usize) -> Option<[f64; 3]> {
     match (options.diffuse, options.method) {
         _ if lobes == 0 => None,
-        (Diffuse::Joint, Method::Lm | Method::Separable) => None,
+        (Diffuse::Joint, Method::Lm | Method::Ratio | Method::Separable) => None,
         (Diffuse::Percentile(percentile), _) => Some(percentile_of(samples, percentile)),
         (Diffuse::Joint, Method::LineSearch) => Some(percentile_of(samples, super::PERCENTILE)),
     }

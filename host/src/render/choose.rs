@@ -1,7 +1,7 @@
 //! The cheapest renderer that meets an error bound, by a model that is measured on the scene itself.
 //!
 //! A small view of the scene is rendered with every setting and judged by three pictures of the reference with seeds of their
-//! own, whose noise cancels ([`compare::relative_rmse_by`]). A raster keeps its error in
+//! own, whose noise cancels (`compare::relative_rmse_by`). A raster keeps its error in
 //! a larger picture and takes time by the pixel; the path tracer's error falls with the root of its samples. What is
 //! predicted to meet the bound is tried, cheapest first, on the view itself and judged in the same way; what is left at the
 //! end is the reference with as many samples as its own variance asks for. Errors are relative RMSE ([`compare::Errors`]).

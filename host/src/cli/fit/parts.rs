@@ -3,8 +3,8 @@
 use std::path::Path;
 use std::time::Instant;
 
-use super::{FitArgs, FitOutcome, output, print, sampled_outcome, write_map};
-use crate::error::Result;
+use super::{FitArgs, FitOutcome, output, print, sampled_options, sampled_outcome, write_levels, write_map};
+use crate::error::{Error, Result};
 use crate::fit::FitOptions;
 use crate::fit::chunks::{self, Part};
 use crate::sampled::SampledStore;
@@ -37,13 +37,27 @@ pub(super) fn fit(
     Ok(outcome)
 }
 
-/// Joins shards into a map.
+/// Joins shards into a map, and fits its MIP levels where they are asked for.
 pub(super) fn merge(args: &FitArgs) -> Result<FitOutcome> {
     let output = output(args)?;
     let start = Instant::now();
     let store = args.input.as_deref().map(SampledStore::open).transpose()?;
     let map = chunks::merge(&args.merge, store.as_ref())?;
+    let levels = match (&store, args.mip) {
+        (_, false) => None,
+        (Some(store), true) => Some((store, sampled_options(args)?)),
+        (None, true) => {
+            let message = "--mip fits levels to samples: name the sampled SBRDF (.zarr) before --merge";
+            return Err(Error::input(message));
+        }
+    };
+    if let (Some((_, options)), Some(shard)) = (&levels, args.merge.first()) {
+        chunks::same_options(shard, options)?;
+    }
     write_map(&map, output)?;
+    if let Some((store, options)) = &levels {
+        write_levels(store, options, output)?;
+    }
     let mut outcome = sampled_outcome(&map, start.elapsed().as_secs_f64());
     // Joining is no fit: its rate would mislead.
     outcome.figures.remove("texels_per_second");

@@ -31,9 +31,9 @@ pub(super) fn fit(args: &FitArgs, input: &Path, seed: u64) -> Result<FitOutcome>
     let method = match args.method {
         MethodName::LineSearch => Method::LineSearch,
         MethodName::Auto | MethodName::Lm => Method::Lm,
-        MethodName::Separable => {
+        MethodName::Separable | MethodName::Ratio => {
             return Err(Error::input(
-                "--method separable is for sampled SBRDFs (.zarr); tables are fitted by lm",
+                "--method separable and ratio are for sampled SBRDFs (.zarr); tables are fitted by lm",
             ));
         }
     };

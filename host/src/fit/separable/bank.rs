@@ -16,7 +16,7 @@ pub const ROWS: usize = EXPONENTS + 1;
 /// Shapes of some directions of C at every pose.
 #[derive(Debug, Clone, Default)]
 pub struct Bank {
-    /// [direction][exponent][pose].
+    /// `[direction][exponent][pose]`.
     pub shapes: Vec<f32>,
     /// Directions with a base that is positive somewhere, by their angle on the circle.
     pub angles: Vec<f64>,
@@ -106,13 +106,13 @@ fn dot(a: &[f32], b: &[f32]) -> f32 {
 
 /// The products of all rows of the bank with some lists, as vector code.
 pub struct Products32<'a> {
-    /// [row][pose].
+    /// `[row][pose]`.
     pub rows: &'a [f32],
-    /// [list][pose].
+    /// `[list][pose]`.
     pub lists: &'a [f32],
     /// Poses.
     pub count: usize,
-    /// [row][list].
+    /// `[row][list]`.
     pub out: &'a mut Vec<f32>,
 }
 

@@ -2,7 +2,7 @@
 //!
 //! L(ω_r) ≈ ρ_d D(N) + Σ_j ρ_s,j |p_j|^n_j S(p_j / |p_j|, n_j) H,  p_j = C'_j ω_r
 //!
-//! with H the cosine at the lobe's peak (6.18), or corrected for the horizon ([`horizon`]). No shadows and no interreflection
+//! with H the cosine at the lobe's peak (6.18), or corrected for the horizon (module `horizon`). No shadows and no interreflection
 //! of that light. Lights without extent are added as in `lights`. On the CPU a ray is cast a sample; on the GPU the raster of
 //! `lights` draws, with shaders/environment.wgsl for the light from afar.
 
