@@ -220,8 +220,8 @@ fn a_table_with_nan_or_a_row_cut_short_is_named_by_line_and_row() {
     refused(path, &fit, 2, &["paint.brdf", "line 4", "row 2", "550 nm", "nan"]);
     table("0.2 0 0.3 0 1 2");
     refused(path, &fit, 2, &["paint.brdf", "line 4", "row 2"]);
-    fs::write(path.join("paint.txt"), "").unwrap();
-    refused(path, &["fit", "paint.txt"], 2, &["paint.txt", ".brdf"]);
+    fs::write(path.join("paint.csv"), "").unwrap();
+    refused(path, &["fit", "paint.csv"], 2, &["paint.csv", ".brdf"]);
 }
 
 #[test]

@@ -207,7 +207,8 @@ fn renderings_of_the_true_map_are_the_photographs_and_those_of_another_map_are_n
         "on a cylinder: relative RMS {:.2} %, PSNR {psnr:.1} dB, mean ΔE {delta_e:.2}",
         100.0 * relative
     );
-    assert!(relative < 0.04 && psnr > 36.0 && delta_e < 1.0, "{relative} {psnr} {delta_e}");
+    // Pixels that the edge of the sample's own shadow crosses are most of the relative error.
+    assert!(relative < 0.1 && psnr > 50.0 && delta_e < 0.5, "{relative} {psnr} {delta_e}");
     let [_, psnr, delta_e] = compared("bent", "other.exr", 0.18);
     assert!(psnr < 32.0 && delta_e > 3.0, "{psnr} {delta_e}");
     let error = develop::run(&folder.path().join("bent")).err().unwrap();
