@@ -158,6 +158,8 @@ impl<'a> Model<'a> {
         }
         for Setting { method, name, renderer } in settings {
             let rendered = renderer.prepare(scene).and_then(|prepared| {
+                // The first view also pays for what is made once, such as a driver's compiled shaders.
+                prepared.view(&view)?;
                 let rendering = prepared.view(&view)?;
                 Ok((prepared, rendering))
             });
