@@ -484,7 +484,9 @@ fn radiance_of(in: Fragment, dx: vec2f, dy: vec2f) -> vec3f {
     var geometric = normalize(cross(corner_of(in.triangle, 1u) - a, corner_of(in.triangle, 2u) - a));
     geometric *= select(-1.0, 1.0, dot(geometric, toward_eye) >= 0.0);
     let side = select(-1.0, 1.0, dot(in.normal, geometric) >= 0.0);
-    let frame = shading_frame(in.normal * side, in.tangent.xyz, in.tangent.w * side, toward_eye);
+    // Interpolation over a triangle seen edge-on does not give back even what is the same at all corners.
+    let handedness = select(-1.0, 1.0, in.tangent.w >= 0.0);
+    let frame = shading_frame(in.normal * side, in.tangent.xyz, handedness * side, toward_eye);
     let wo = toward_eye * frame;
     let footprint = footprint_of(in.object, in.uv, dx, dy);
     let origin = shadow_origin(in.triangle, in.position, geometric);
