@@ -180,6 +180,17 @@ fn multisampled_edges_blend_with_the_background() {
 }
 
 #[test]
+fn no_sample_of_a_triangle_seen_edge_on_is_beyond_measure() {
+    let mut scene = Scene::open(std::path::Path::new("lamps")).unwrap();
+    (scene.camera.width, scene.camera.height) = (64, 48);
+    match Settings::default().render(&scene, &scene.camera) {
+        Ok(rendering) => assert!(rendering.picture.pixels.iter().all(|pixel| pixel.max_element() < 100.0)),
+        Err(error) if error.to_string().contains("no adapter") => println!("skipped: {error}"),
+        Err(error) => panic!("{error}"),
+    }
+}
+
+#[test]
 fn a_tree_or_counts_that_cannot_be_are_refused() {
     let scene = lit(8, 6);
     let error = cpu::render(&scene, &Settings { anisotropy: 0, ..Settings::default() }).unwrap_err();
