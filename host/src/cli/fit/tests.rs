@@ -1,0 +1,172 @@
+//! Options of `lobelia fit`, and what it says and writes.
+
+use super::*;
+use crate::sampled::SampledSbrdf;
+use clap::Parser;
+use std::fmt::Write as _;
+
+#[derive(Parser)]
+struct Command {
+    #[command(flatten)]
+    args: FitArgs,
+}
+
+fn parsed(arguments: &[&str]) -> FitArgs {
+    Command::try_parse_from(std::iter::once(&"fit").chain(arguments)).unwrap().args
+}
+
+fn run_on(text: &str, arguments: &[&str]) -> (tempfile::TempDir, Result<FitOutcome>) {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("paint.brdf");
+    std::fs::write(&path, text).unwrap();
+    let mut all = vec![path.to_str().unwrap()];
+    all.extend(arguments);
+    let outcome = fit_input(&parsed(&all), 1);
+    (folder, outcome)
+}
+
+/// A wide table of a white lobe.
+fn table_text() -> String {
+    let mut text = String::from("3 450 550 650\n");
+    for (i, o, p) in (1..8).flat_map(|i| (0..8).flat_map(move |o| (0..7).map(move |p| (i, o, p)))) {
+        let (i, o, p) = (f64::from(i) * 0.17, f64::from(o) * 0.17, f64::from(p) * 0.52);
+        let base = -0.95 * i.sin() * o.sin() * p.cos() + 0.9 * i.cos() * o.cos();
+        let f = 0.05 + base.max(0.0).powi(20);
+        writeln!(text, "{i} 0 {o} {p} {f} {f} {f}").unwrap();
+    }
+    text
+}
+
+#[test]
+fn a_table_is_fitted_reported_and_written_as_a_map_of_one_texel() {
+    let folder = tempfile::tempdir().unwrap();
+    let output = folder.path().join("paint.exr");
+    let held = (3.0f64 * 0.17).to_degrees().to_string();
+    let arguments = [
+        "--hold-out-theta-deg",
+        &held,
+        "--lobes",
+        "1",
+        "-o",
+        output.to_str().unwrap(),
+        "--random-starts",
+        "2",
+    ];
+    let (_input, outcome) = run_on(&table_text(), &arguments);
+    let errors = outcome.unwrap().errors;
+    let one = errors.iter().find(|e| e.name == "held_out_relative_l2" && e.depends["lobes"] == 1).unwrap();
+    assert!(one.value < 1e-2 && one.depends["wavelength_nm"] == 450.0, "{one:?}");
+    assert_eq!(errors.iter().filter(|e| e.name == "start_cost_ratio").count(), 9);
+    let map = SbrdfMap::read_exr(&output).unwrap();
+    assert_eq!((map.width, map.height, map.lobes.len()), (1, 1, 3));
+    assert!((map.rho_d[0].x - 0.05).abs() < 1e-3);
+    assert_eq!(map.attributes["fit.wavelengths_nm"], "650,550,450");
+}
+
+#[test]
+fn a_coated_table_of_one_value_in_alta_s_format_becomes_a_grey_map_with_its_term() {
+    let folder = tempfile::tempdir().unwrap();
+    let (input, output) = (folder.path().join("coat.dat"), folder.path().join("coat.exr"));
+    let mut text = String::from("#DIM 4 1\n#PARAM_IN SPHERICAL_TL_PL_TV_PV\n#PARAM_OUT INV_STERADIAN\n");
+    let coat = crate::reflectance::Microfacet {
+        f0: crate::reflectance::Rgb::splat(0.05),
+        f90: crate::reflectance::Rgb::ONE,
+        alpha: 0.2,
+    };
+    for (i, o, p) in (1..8).flat_map(|i| (0..8).flat_map(move |o| (0..7).map(move |p| (i, o, p)))) {
+        let (i, o, p) = (f64::from(i) * 0.17, f64::from(o) * 0.17, f64::from(p) * 0.52);
+        let at = |theta: f64, phi: f64| {
+            glam::DVec3::new(theta.sin() * phi.cos(), theta.sin() * phi.sin(), theta.cos()).as_vec3()
+        };
+        writeln!(text, "{i} 0 {o} {p} {}", 0.1 + coat.eval(at(i, 0.0), at(o, p)).x).unwrap();
+    }
+    std::fs::write(&input, text).unwrap();
+    let arguments =
+        [input.to_str().unwrap(), "-o", output.to_str().unwrap(), "--model", "ggx", "--lobes", "0"];
+    let outcome = fit_input(&parsed(&arguments), 1).unwrap();
+    assert!(outcome.errors.iter().all(|error| error.depends["microfacet"] == true));
+    let map = SbrdfMap::read_exr(&output).unwrap();
+    assert!((map.rho_d[0].y - 0.1).abs() < 1e-4 && map.rho_d[0].x == map.rho_d[0].z);
+    assert!((map.microfacets[0].alpha[0] - 0.2).abs() < 1e-3, "{:?}", map.microfacets);
+}
+
+#[test]
+fn wrong_inputs_end_with_a_sentence_and_exit_code_2() {
+    let refused = |text: &str, arguments: &[&str]| {
+        let error = run_on(text, arguments).1.unwrap_err();
+        assert_eq!(error.exit_code(), 2);
+        error.to_string()
+    };
+    assert!(refused("1 500 0.1 0 0.1 0 nan", &[]).contains("paint.brdf: line 1: row 1: the value at 500 nm"));
+    assert!(refused("1 500 0.1 0 0.1 0 1", &["--wavelengths-nm", "450"]).contains("450 nm lies outside"));
+    let two = ["--wavelengths-nm", "450,550", "-o", "x.exr"];
+    assert!(refused(&table_text(), &two).contains("one or three --wavelengths-nm"));
+    assert!(refused(&table_text(), &["--method", "line-search", "--lobes", "2"]).contains("one lobe"));
+    assert!(refused(&table_text(), &["--hold-out-theta-deg", "45"]).contains("held-out 45°"));
+    assert!(
+        refused(&table_text(), &["--model", "ggx", "--method", "line-search", "--lobes", "1"])
+            .contains("no microfacet term")
+    );
+    let texels = fit_input(&parsed(&["a.zarr", "-o", "a.exr", "--model", "ggx"]), 1).unwrap_err();
+    assert!(texels.exit_code() == 2 && texels.to_string().contains("measured tables"));
+    let unknown = fit_input(&parsed(&["paint.csv"]), 1).unwrap_err();
+    assert!(unknown.exit_code() == 2 && unknown.to_string().contains("paint.csv"));
+    let no_output = fit_input(&parsed(&["a.zarr"]), 1).unwrap_err();
+    assert!(no_output.to_string().contains("-o FILE.exr"));
+}
+
+#[test]
+fn brushed_metal_is_held_to_what_arrives_and_the_price_is_reported() {
+    let folder = tempfile::tempdir().unwrap();
+    let (input, output) = (folder.path().join("s.zarr"), folder.path().join("m.exr"));
+    let metal = crate::reflectance::materials::published("brushed-metal").unwrap();
+    let options = crate::synth::Options {
+        width: 2,
+        height: 1,
+        texel_mm: 0.5,
+        poses: 150,
+        noise: 0.0,
+        relative_noise: 0.0,
+        seed: 3,
+    };
+    let eval = |wi, wo| crate::reflectance::Brdf::eval(&metal, wi, wo);
+    crate::synth::sample(&options, |_, _, wi, wo| eval(wi, wo)).write_zarr(&input).unwrap();
+    let arguments =
+        [input.to_str().unwrap(), "-o", output.to_str().unwrap(), "--lobes", "3", "--separate-channels"];
+    let albedo = || {
+        let map = SbrdfMap::read_exr(&output).unwrap();
+        crate::reflectance::albedo::largest(&map.texel(1)).max_element()
+    };
+    fit_input(&parsed(&arguments), 1).unwrap();
+    assert!(albedo() > 1.1, "{}", albedo());
+    let outcome = fit_input(&parsed(&[&arguments[..], &["--conserve-energy"]].concat()), 1).unwrap();
+    assert!(albedo() <= 1.0 + crate::fit::conserve::TOLERANCE, "{}", albedo());
+    let price = outcome.errors.iter().find(|error| error.name == "energy_price_median").unwrap();
+    assert!(price.value > 0.0 && price.value < 0.5, "{price:?}");
+    assert!(outcome.figures["texels_held"].as_u64().unwrap() >= 1);
+}
+
+#[test]
+fn the_zarr_path_goes_from_a_store_to_a_map() {
+    let folder = tempfile::tempdir().unwrap();
+    let (input, output) = (folder.path().join("s.zarr"), folder.path().join("m.exr"));
+    let pose = |x: f64| crate::sampled::PoseGeometry {
+        light_mm: glam::DVec3::new(x, 100.0, 900.0),
+        camera_mm: glam::DVec3::new(-x, 0.0, 900.0),
+        weight: 1.0,
+    };
+    let poses: Vec<_> = (0..30).map(|k| pose(f64::from(k) * 40.0)).collect();
+    let mut sampled = SampledSbrdf::empty(3, 2, 1.0, poses);
+    sampled.reflectance.fill(0.25);
+    sampled.write_zarr(&input).unwrap();
+    let arguments = [input.to_str().unwrap(), "-o", output.to_str().unwrap(), "--lobes", "1", "--mip"];
+    let outcome = fit_input(&parsed(&arguments), 1).unwrap();
+    assert!(outcome.errors[0].value < 1e-3, "{outcome:?}");
+    let map = SbrdfMap::read_exr(&output).unwrap();
+    assert_eq!((map.width, map.height), (3, 2));
+    for (level, size) in [(1, (2, 1)), (2, (1, 1))] {
+        let map = SbrdfMap::read_exr(&folder.path().join(format!("m.mip{level}.exr"))).unwrap();
+        assert_eq!((map.width, map.height), size);
+    }
+    assert!(!folder.path().join("m.mip3.exr").exists());
+}
