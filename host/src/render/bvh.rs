@@ -52,6 +52,14 @@ pub(crate) struct Bvh {
     packets: Vec<Packet>,
 }
 
+/// Where a ray met a triangle.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Hit {
+    pub(crate) triangle: u32,
+    /// Weights of the triangle's second and third corner, within [`MARGIN`] of 0..1.
+    pub(crate) weights: [f32; 2],
+}
+
 /// A ray with each coordinate in all lanes.
 struct Ray {
     origin: [Vec4; 3],
@@ -143,7 +151,7 @@ impl Bvh {
         origin: Vec3,
         direction: Vec3,
         solid: impl Fn(u32, f32) -> bool,
-    ) -> Option<(u32, f32)> {
+    ) -> Option<(Hit, f32)> {
         let ray = Ray::new(origin, direction);
         let mut found = None;
         let mut reach = f32::INFINITY;
@@ -159,13 +167,14 @@ impl Bvh {
             let child = entry as u32;
             if child & LEAF != 0 {
                 for packet in &self.packets[(child ^ LEAF) as usize..] {
-                    let (mut lanes, distances) = ray.meets(packet, reach);
+                    let (mut lanes, distances, weights) = ray.meets(packet, reach);
                     while lanes != 0 {
                         let lane = lanes.trailing_zeros() as usize & 3;
                         lanes &= lanes - 1;
                         if distances[lane] < reach && solid(packet.triangles[lane], distances[lane]) {
                             reach = distances[lane];
-                            found = Some((packet.triangles[lane], reach));
+                            let weights = weights.map(|weight| weight[lane]);
+                            found = Some((Hit { triangle: packet.triangles[lane], weights }, reach));
                         }
                     }
                     if packet.last {
@@ -210,7 +219,7 @@ impl Bvh {
             let child = waiting[count];
             if child & LEAF != 0 {
                 for packet in &self.packets[(child ^ LEAF) as usize..] {
-                    let (mut lanes, distances) = ray.meets(packet, reach);
+                    let (mut lanes, distances, _) = ray.meets(packet, reach);
                     while lanes != 0 {
                         let lane = lanes.trailing_zeros() as usize & 3;
                         lanes &= lanes - 1;
@@ -277,9 +286,9 @@ impl Ray {
         (enter.cmple(leave.min(Vec4::splat(reach))).bitmask(), enter)
     }
 
-    /// The triangles that the ray meets up to `reach`, one bit each, and where.
+    /// The triangles that the ray meets up to `reach`, one bit each, and where: distance, and weights of the second and the third corner.
     #[inline(always)]
-    fn meets(&self, packet: &Packet, reach: f32) -> (u32, Vec4) {
+    fn meets(&self, packet: &Packet, reach: f32) -> (u32, Vec4, [Vec4; 2]) {
         let to: [Vec4; 3] = std::array::from_fn(|axis| packet.corner[axis] - self.origin[axis]);
         let turned = cross(&self.direction, &to);
         // A ray in the triangle's plane makes these NaN or infinite, which is a miss.
@@ -290,7 +299,7 @@ impl Ray {
         let margin = Vec4::splat(MARGIN);
         let inside = u.cmpge(margin) & v.cmpge(margin) & (u + v).cmple(Vec4::ONE - margin);
         let within = distance.cmpge(Vec4::ZERO) & distance.cmple(Vec4::splat(reach));
-        ((inside & within).bitmask(), distance)
+        ((inside & within).bitmask(), distance, [u, v])
     }
 }
 
@@ -359,8 +368,9 @@ mod tests {
                 }
                 let all = triangles.iter().filter_map(|t| distance(t, origin, direction));
                 let expected = all.fold(f64::INFINITY, f64::min);
-                let found =
-                    bvh.nearest(origin, direction, |_, _| true).map_or(f64::INFINITY, |hit| f64::from(hit.1));
+                let found = bvh
+                    .nearest(origin, direction, |_, _| true)
+                    .map_or(f64::INFINITY, |(_, distance)| f64::from(distance));
                 // Triangles seen nearly edge on are met less exactly.
                 let same = expected == found || (expected - found).abs() < 2e-3;
                 assert!(same, "{count} triangles, ray {ray}: {found} instead of {expected}");
@@ -387,7 +397,8 @@ mod tests {
         for ray in 0..500 {
             let (origin, direction) =
                 (Vec3::from(vector(ray)), Vec3::from(vector(900_000 + ray)).normalize());
-            let distance = |bvh: &Bvh| bvh.nearest(origin, direction, |_, _| true).map(|hit| hit.1);
+            let distance =
+                |bvh: &Bvh| bvh.nearest(origin, direction, |_, _| true).map(|(_, distance)| distance);
             assert_eq!(distance(&bvh), distance(&whole));
         }
     }

@@ -69,6 +69,12 @@ pub(crate) fn relative_rmse_by(judges: &[Picture; 3], picture: &Picture) -> f64 
     expected_relative_rmse(third, &squares)
 }
 
+/// What the square of an error at a pixel of some mean counts in the square of the relative RMSE of a picture of mean `whole`.
+pub(crate) fn relative_weight(mean: f32, whole: f32) -> f32 {
+    let floor = FLOOR as f32 * whole;
+    1.0 / (mean * mean + floor * floor).max(f32::MIN_POSITIVE)
+}
+
 /// The relative RMSE of a picture whose pixels have the means and the variances given.
 pub(crate) fn expected_relative_rmse(means: impl Iterator<Item = Rgb> + Clone, variance: &[Vec3]) -> f64 {
     let values = (3 * variance.len()) as f64;

@@ -3,10 +3,10 @@
 use std::ops::Range;
 use std::sync::Arc;
 
-use glam::{Affine3A, Mat3A, Vec2, Vec3, Vec3A};
+use glam::{Affine3A, Mat3A, Vec2, Vec3, Vec3A, Vec4};
 use obvhs::triangle::Triangle;
 
-use super::bvh::Bvh;
+use super::bvh::{Bvh, Hit};
 use crate::scene::{Light, Mask, Mesh, Object, Scene, Vertex, shapes};
 
 /// The least cosine between the shading normal and the view: a normal that points away from the viewer is bent to it,
@@ -26,14 +26,6 @@ pub(crate) struct Geometry {
     masked: bool,
     /// Length by which rays are kept off the surface that they start from.
     offset: f32,
-}
-
-/// Where a ray met the scene.
-#[derive(Debug, Clone, Copy)]
-pub(crate) struct Hit {
-    triangle: u32,
-    /// Distance along the ray.
-    pub(crate) distance: f32,
 }
 
 /// A point of a surface seen from some direction; all vectors are on the viewer's side.
@@ -150,11 +142,8 @@ impl Geometry {
 
     /// The nearest triangle along a ray of unit direction.
     pub(crate) fn nearest(&self, origin: Vec3, direction: Vec3) -> Option<Hit> {
-        self.bvh
-            .nearest(origin, direction, |triangle, distance| {
-                self.solid(triangle, || origin + direction * distance)
-            })
-            .map(|(triangle, distance)| Hit { triangle, distance })
+        let solid = |triangle, distance| self.solid(triangle, || origin + direction * distance);
+        self.bvh.nearest(origin, direction, solid).map(|(hit, _)| hit)
     }
 
     /// Where rays that leave a surface start.
@@ -190,26 +179,20 @@ impl Geometry {
         })
     }
 
-    /// The surface at a hit, seen from the ray's origin. Surfaces have two sides with the same material.
-    pub(crate) fn surface(&self, hit: &Hit, origin: Vec3, direction: Vec3) -> Surface {
+    /// The surface at a hit, seen along `direction`. Surfaces have two sides with the same material.
+    pub(crate) fn surface(&self, hit: &Hit, direction: Vec3) -> Surface {
         let corners = self.corners(hit.triangle);
         let [a, b, c] = corners.map(|v| v.position);
         let (ab, ac) = (b - a, c - a);
         let cross = ab.cross(ac);
-        let along = origin + direction * hit.distance;
 
-        // These also pull the point back onto the triangle's plane.
-        let [wb, wc] = barycentric([a, b, c], along).map(|weight| weight.clamp(0.0, 1.0));
+        let [wb, wc] = hit.weights.map(|weight| weight.clamp(0.0, 1.0));
         let weights = [(1.0 - wb - wc).max(0.0), wb, wc];
-        let blend = |value: fn(&Vertex) -> Vec3| -> Vec3 {
-            value(corners[0]) * weights[0] + value(corners[1]) * weights[1] + value(corners[2]) * weights[2]
-        };
+        let blend = blend(corners, weights);
         let position = a + ab * wb + ac * wc;
         let geometric = cross.normalize_or_zero() * if cross.dot(direction) <= 0.0 { 1.0 } else { -1.0 };
         // The side is told by where the viewer stands, not by the triangle's winding, which files get wrong.
         let side = |normal: Vec3| if normal.dot(geometric) < 0.0 { -1.0 } else { 1.0 };
-        let outward = blend(|v| v.normal);
-        let uv = corners[0].uv * weights[0] + corners[1].uv * weights[1] + corners[2].uv * weights[2];
 
         // Lifting to the vertices' tangent planes keeps the terminator of smooth meshes free of their facets.
         let mut lift = Vec3::ZERO;
@@ -217,20 +200,29 @@ impl Geometry {
             let normal = vertex.normal * side(vertex.normal);
             lift -= normal * ((position - vertex.position).dot(normal).min(0.0) * weight);
         }
+        let outward = side(blend.normal);
         Surface {
             position,
             shadow_origin: position + lift,
             geometric,
             frame: shading_frame(
-                outward * side(outward),
-                blend(|v| v.tangent),
-                corners[0].handedness * side(outward),
+                blend.normal * outward,
+                blend.tangent,
+                corners[0].handedness * outward,
                 -direction,
             ),
-            uv,
+            uv: blend.uv,
             object: self.objects[hit.triangle as usize],
         }
     }
+}
+
+/// The weighted sum of vertices, four numbers at a time.
+fn blend(corners: [&Vertex; 3], weights: [f32; 3]) -> Vertex {
+    let rows = |vertex: &Vertex| bytemuck::cast::<Vertex, [[f32; 4]; 3]>(*vertex).map(Vec4::from_array);
+    let [a, b, c] = corners.map(rows);
+    let row = |i: usize| (a[i] * weights[0] + b[i] * weights[1] + c[i] * weights[2]).to_array();
+    bytemuck::cast([row(0), row(1), row(2)])
 }
 
 /// Length by which rays are kept off the surfaces of a mesh.
@@ -286,7 +278,7 @@ mod tests {
                 let origin = Vec3::new(0.0, 0.0, 4.0);
                 let direction = (target - origin).normalize();
                 let hit = geometry.nearest(origin, direction).expect("a hole in the sphere");
-                let surface = geometry.surface(&hit, origin, direction);
+                let surface = geometry.surface(&hit, direction);
                 let [x, y, z] = surface.frame;
                 assert!((surface.position.length() - 1.0).abs() < 0.01);
                 assert!(z.dot(-direction) > 0.0 && surface.geometric.dot(-direction) > 0.0);
@@ -300,7 +292,7 @@ mod tests {
     fn the_far_side_of_a_sphere_is_shadowed_and_seen_from_inside_it_faces_inwards() {
         let geometry = Geometry::new(&sphere_scene());
         let hit = geometry.nearest(Vec3::ZERO, Vec3::X).unwrap();
-        let surface = geometry.surface(&hit, Vec3::ZERO, Vec3::X);
+        let surface = geometry.surface(&hit, Vec3::X);
         assert!(surface.frame[2].dot(Vec3::NEG_X) > 0.99);
         assert!(geometry.occluded(&surface, Vec3::NEG_X, f32::INFINITY));
         assert!(!geometry.occluded(&surface, Vec3::NEG_X, 1.5));

@@ -240,7 +240,7 @@ impl Ready<'_> {
             let shines = self.geometry.front(&hit, direction);
             return if shines { emission } else { Rgb::ZERO }.extend(1.0);
         }
-        let surface = self.geometry.surface(&hit, origin, direction);
+        let surface = self.geometry.surface(&hit, direction);
         let texel = self.materials.choose(object, surface.uv, choice);
         shader.aim(&self.materials, texel, surface.to_local(-direction), false);
         let mut radiance = shading::reflect_lights(&self.lamps, &surface, shader, |_| true);

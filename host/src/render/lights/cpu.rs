@@ -8,7 +8,8 @@ use super::footprint::Footprint;
 use super::{Filtering, Settings};
 use crate::error::Result;
 use crate::reflectance::Rgb;
-use crate::render::geometry::{Geometry, Hit, Surface};
+use crate::render::bvh::Hit;
+use crate::render::geometry::{Geometry, Surface};
 use crate::render::image::Picture;
 use crate::render::materials::{Materials, PackedLobe, Shader};
 use crate::render::shading::{self, Lamp, Rays, Seen};
@@ -75,7 +76,7 @@ impl Twin<'_> {
             let shines = self.geometry.front(&hit, direction);
             return if shines { emission } else { Rgb::ZERO }.extend(1.0);
         }
-        let surface = self.geometry.surface(&hit, self.rays.origin, direction);
+        let surface = self.geometry.surface(&hit, direction);
         let material = &self.materials.materials[surface.object as usize];
         let footprint = Footprint::new(self.settings, material, surface.uv, self.differences(&hit, at));
         let mut taps = vec![];

@@ -1,6 +1,7 @@
 //! The reference renderer: a path tracer on the CPU for every kind of light, with interreflection. The other renderers are
 //! judged by it.
 
+mod branches;
 mod environment;
 mod lobes;
 mod rectangle;
@@ -16,14 +17,13 @@ use glam::{Vec3, Vec4};
 use rayon::prelude::*;
 
 use super::image::Picture;
-use super::materials::Shader;
 use super::sampler::hash;
 use super::shading::Rays;
 use super::{Cost, Prepared, Renderer, Rendering, compare};
 use crate::error::{Error, Result};
 use crate::progress;
 use crate::scene::{Camera, Scene};
-use trace::{Numbers, Tracer};
+use trace::{Numbers, PARTS, Shaders, Traced, Tracer};
 
 /// Passes before a budget of time or error is looked at: variance needs more than one.
 const LEAST_PASSES: u32 = 4;
@@ -108,10 +108,15 @@ impl Prepared for Ready<'_> {
         let passes = settings.samples.div_ceil(pass);
         let (width, height) = (camera.width as usize, camera.height as usize);
         let seed = hash(settings.seed as u32 ^ hash((settings.seed >> 32) as u32 ^ 0x5bd1_e995));
-        let view = View { tracer: &self.tracer, rays: Rays::new(camera), seed, width, pass };
+        let branches = vec![1; width * height];
+        let mut view = View { tracer: &self.tracer, rays: Rays::new(camera), seed, width, pass, branches };
 
         let mut pixels = vec![Pixel::default(); width * height];
         let mut cost = Cost { prepare_seconds: self.prepare_seconds, ..Cost::default() };
+        if let Some(look) = branches::look(&view, settings.samples) {
+            cost.rays += look.rays;
+            view.branches = look.branches();
+        }
         let bar = match settings.seconds {
             Some(seconds) => progress::bar("reference", (1e3 * seconds) as u64, "ms"),
             None => progress::bar("reference", u64::from(passes) * height as u64, "rows"),
@@ -170,35 +175,51 @@ struct View<'a> {
     width: usize,
     /// Samples a pixel and pass.
     pass: u32,
+    /// Rays from the first surface a sample, by pixel.
+    branches: Vec<u32>,
 }
 
 impl View<'_> {
     /// Adds a pass, the `count`-th, to all pixels; returns the number of rays.
     fn add(&self, pixels: &mut [Pixel], count: u32, advance: impl Fn(u64) + Sync) -> u64 {
-        let add_row = |shader: &mut Shader, (y, row): (usize, &mut [Pixel])| {
-            let mut rays = 0;
+        let add_row = |shaders: &mut Shaders, (y, row): (usize, &mut [Pixel])| {
+            let mut rays = [0; PARTS];
             for (x, pixel) in row.iter_mut().enumerate() {
-                let fresh = self.mean(x, y, (count - 1) * self.pass, shader, &mut rays);
+                let fresh = self.mean(x, y, (count - 1) * self.pass, shaders, &mut rays);
                 let difference = fresh - pixel.mean;
                 pixel.mean += difference / count as f32;
                 pixel.spread += (difference * (fresh - pixel.mean)).truncate();
             }
             advance(1);
-            rays
+            rays.iter().sum::<u64>()
         };
-        pixels.par_chunks_mut(self.width).enumerate().map_init(Shader::new, add_row).sum()
+        pixels.par_chunks_mut(self.width).enumerate().map_init(Shaders::new, add_row).sum()
     }
 
     /// Mean radiance and coverage of one pass's samples of a pixel.
-    fn mean(&self, x: usize, y: usize, first: u32, shader: &mut Shader, rays: &mut u64) -> Vec4 {
-        let pixel = hash(self.seed ^ hash((y * self.width + x) as u32));
+    fn mean(&self, x: usize, y: usize, first: u32, shaders: &mut Shaders, rays: &mut [u64; PARTS]) -> Vec4 {
+        let (place, branches) = (y * self.width + x, self.branches[y * self.width + x]);
+        let pixel = hash(self.seed ^ hash(place as u32));
         let mut sum = Vec4::ZERO;
         for index in first..first + self.pass {
             let numbers = Numbers { pixel, index };
-            let [dx, dy] = numbers.pixel();
-            let direction = self.rays.direction(x as f32 + dx, y as f32 + dy);
-            sum += self.tracer.path(&numbers, (self.rays.origin, direction), shader, rays);
+            let Traced { parts: [a, b], coverage } = self.sample([x, y], &numbers, branches, shaders, rays);
+            sum += (a + b).extend(coverage);
         }
         sum / self.pass as f32
+    }
+
+    /// One sample of a pixel.
+    fn sample(
+        &self,
+        [x, y]: [usize; 2],
+        numbers: &Numbers,
+        branches: u32,
+        shaders: &mut Shaders,
+        rays: &mut [u64; PARTS],
+    ) -> Traced {
+        let [dx, dy] = numbers.pixel();
+        let direction = self.rays.direction(x as f32 + dx, y as f32 + dy);
+        self.tracer.path(numbers, (self.rays.origin, direction), branches, shaders, rays)
     }
 }

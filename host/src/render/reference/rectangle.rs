@@ -18,6 +18,8 @@ pub(super) struct Seen<'a> {
     low: DVec2,
     high: DVec2,
     depth: f64,
+    /// Complex numbers with the arguments γ₀ + γ₁ and γ₂ + γ₃, the angles between the planes through the point and the edges.
+    angles: [DVec2; 2],
     solid_angle: f64,
 }
 
@@ -38,16 +40,12 @@ impl Rectangle {
             return None;
         }
         let middle = DVec2::new(x, y);
-        let mut seen = Seen {
-            rectangle: self,
-            low: middle - self.half,
-            high: middle + self.half,
-            depth: z,
-            solid_angle: 0.0,
-        };
-        let [a, b, c, d] = seen.corners();
-        seen.solid_angle = angle(product(product(a, b), product(c, d)));
-        (seen.solid_angle > 1e-9 && seen.solid_angle < TAU - 1e-9).then_some(seen)
+        let (low, high) = (middle - self.half, middle + self.half);
+        let [a, b, c, d] = corners(low, high, z);
+        let angles = [product(a, b), product(c, d)];
+        let solid_angle = angle(product(angles[0], angles[1]));
+        let tells = solid_angle > 1e-9 && solid_angle < TAU - 1e-9;
+        tells.then_some(Seen { rectangle: self, low, high, depth: z, angles, solid_angle })
     }
 }
 
@@ -62,22 +60,16 @@ fn angle(a: DVec2) -> f64 {
     if angle < 0.0 { angle + TAU } else { angle }
 }
 
-impl Seen<'_> {
-    /// The angles between the planes through the point and the rectangle's edges, γ₀ to γ₃ of the paper, as arguments of
-    /// complex numbers.
-    fn corners(&self) -> [DVec2; 4] {
-        let (low, high) = (self.low, self.high);
-        let corner = |x: f64, y: f64, sign: f64| {
-            DVec2::new(sign * x * y, self.depth * (x * x + y * y + self.depth * self.depth).sqrt())
-        };
-        [
-            corner(high.x, low.y, 1.0),
-            corner(high.x, high.y, -1.0),
-            corner(low.x, high.y, 1.0),
-            corner(low.x, low.y, -1.0),
-        ]
-    }
+/// The angles between the planes through a point and a rectangle's edges, γ₀ to γ₃ of the paper, as arguments of complex numbers.
+fn corners(low: DVec2, high: DVec2, depth: f64) -> [DVec2; 4] {
+    let x = [high.x, high.x, low.x, low.x];
+    let y = [low.y, high.y, high.y, low.y];
+    let sign = [1.0, -1.0, 1.0, -1.0];
+    let length: [f64; 4] = std::array::from_fn(|i| (x[i] * x[i] + y[i] * y[i] + depth * depth).sqrt());
+    std::array::from_fn(|i| DVec2::new(sign[i] * x[i] * y[i], depth * length[i]))
+}
 
+impl Seen<'_> {
     /// Solid angle, sr.
     pub(super) fn solid_angle(&self) -> f32 {
         self.solid_angle as f32
@@ -86,22 +78,22 @@ impl Seen<'_> {
     /// The offset from the point to a place on the rectangle, drawn evenly over its solid angle by two numbers in 0..1.
     pub(super) fn sample(&self, [r, s]: [f32; 2]) -> Vec3 {
         let depth = self.depth;
+        let ends = [self.low.y, self.high.y];
         // z of the normals of the planes through the point and the edges at low and high y.
-        let normal = |y: f64| y / (y * y + depth * depth).sqrt();
-        let (b0, b1) = (-normal(self.low.y), normal(self.high.y));
+        let [b0, b1] = ends.map(|y| y / (y * y + depth * depth).sqrt());
         // The angle r Ω − γ₂ − γ₃, of which only the direction counts.
-        let [_, _, c, d] = self.corners();
         let (sin, cos) = (f64::from(r) * self.solid_angle).sin_cos();
-        let before = product(c, d).normalize();
+        let before = self.angles[1];
         let turn = product(DVec2::new(cos, sin), DVec2::new(before.x, -before.y));
-        let f = (turn.x * b0 - b1) / turn.y;
-        let c = (f.signum() / (f * f + b0 * b0).sqrt()).clamp(-1.0, 1.0);
-        let x = (c * depth / (1.0 - c * c).max(1e-30).sqrt()).clamp(self.low.x, self.high.x);
-        let distance = (x * x + depth * depth).sqrt();
-        let sine = |y: f64| y / (distance * distance + y * y).sqrt();
-        let (h0, h1) = (sine(self.low.y), sine(self.high.y));
+        // b0 is the negative of the paper's.
+        let f = -(turn.x * b0 + b1 * before.length()) / turn.y;
+        // c / √(1 − c²) for the paper's c = ±1 / √(f² + b0²).
+        let x = f.signum() * depth / (f * f + b0 * b0 - 1.0).max(1e-30).sqrt();
+        let x = x.clamp(self.low.x, self.high.x);
+        let square = x * x + depth * depth;
+        let [h0, h1] = ends.map(|y| y / (square + y * y).sqrt());
         let h = h0 + f64::from(s) * (h1 - h0);
-        let y = (h * distance / (1.0 - h * h).max(1e-30).sqrt()).clamp(self.low.y, self.high.y);
+        let y = (h * (square / (1.0 - h * h).max(1e-30)).sqrt()).clamp(self.low.y, self.high.y);
         let axes = &self.rectangle.axes;
         (axes[0] * x + axes[1] * y + axes[2] * depth).as_vec3()
     }

@@ -1,7 +1,8 @@
 //! Paths: emitted light found by the lobes' own samples and by samples of the emitters, joined by the power heuristic
-//! (Veach and Guibas 1995); lights without extent by shadow rays; Russian roulette.
+//! (Veach and Guibas 1995); lights without extent by shadow rays; Russian roulette; several branches from the first surface, see
+//! [`super::branches`].
 
-use glam::{Vec3, Vec4};
+use glam::Vec3;
 
 use super::environment::{Arriving, Sampled};
 use super::lobes;
@@ -44,6 +45,37 @@ impl Numbers {
 
     fn at(&self, bounce: u32, purpose: u32) -> [f32; 2] {
         sampler::point(self.pixel, self.index, 1 + bounce * purpose::COUNT + purpose)
+    }
+}
+
+/// What is told apart of a path: light that its first surface reflects, found by samples of emitters, and all that the rays that leave
+/// that surface find.
+pub(super) const PARTS: usize = 2;
+
+/// What one sample of a pixel found.
+pub(super) struct Traced {
+    /// Radiance along the camera ray, by part.
+    pub(super) parts: [Rgb; PARTS],
+    /// 1 where the ray meets an object.
+    pub(super) coverage: f32,
+}
+
+impl Traced {
+    /// A ray that ends where radiance comes from.
+    fn ended(radiance: Rgb, coverage: f32) -> Self {
+        Self { parts: [radiance, Rgb::ZERO], coverage }
+    }
+}
+
+/// Reflectances of the first surface and of those that follow, kept to save their allocations.
+pub(super) struct Shaders {
+    first: Shader,
+    next: Shader,
+}
+
+impl Shaders {
+    pub(super) fn new() -> Self {
+        Self { first: Shader::new(), next: Shader::new() }
     }
 }
 
@@ -93,27 +125,34 @@ impl<'a> Tracer<'a> {
         self.geometry.bytes() + self.materials.bytes() + self.environment.as_ref().map_or(0, Sampled::bytes)
     }
 
-    /// Radiance along a camera ray, and 1 where it meets an object.
+    /// Follows a camera ray, and `branches` rays from the surface it meets; counts rays by part.
     pub(super) fn path(
         &self,
         numbers: &Numbers,
         (origin, direction): (Vec3, Vec3),
-        shader: &mut Shader,
-        rays: &mut u64,
-    ) -> Vec4 {
-        *rays += 1;
+        branches: u32,
+        shaders: &mut Shaders,
+        rays: &mut [u64; PARTS],
+    ) -> Traced {
+        rays[0] += 1;
         let Some(hit) = self.geometry.nearest(origin, direction) else {
-            return shading::background(self.scene, direction).extend(0.0);
+            return Traced::ended(shading::background(self.scene, direction), 0.0);
         };
         let object = self.geometry.object(&hit);
         if let Some(emission) = self.materials.emission(object) {
             let shines = self.geometry.front(&hit, direction);
-            return if shines { emission } else { Rgb::ZERO }.extend(1.0);
+            return Traced::ended(if shines { emission } else { Rgb::ZERO }, 1.0);
         }
-        let surface = self.geometry.surface(&hit, origin, direction);
-        self.aim(numbers, 0, &surface, direction, shader);
-        let direct = self.direct(numbers, 0, &surface, shader, rays);
-        (direct + self.continued(numbers, surface, shader, rays)).extend(1.0)
+        let surface = self.geometry.surface(&hit, direction);
+        let Shaders { first, next } = shaders;
+        self.aim(numbers, 0, &surface, direction, first);
+        let direct = self.direct(numbers, 0, &surface, first, &mut rays[0]);
+        let mut rest = Rgb::ZERO;
+        for branch in 0..branches {
+            let numbers = Numbers { pixel: numbers.pixel, index: numbers.index * branches + branch };
+            rest += self.continued(&numbers, surface, first, next, &mut rays[1]);
+        }
+        Traced { parts: [direct, rest / branches as f32], coverage: 1.0 }
     }
 
     /// Makes the reflectance of a surface ready, as the end of a ray sees it.
@@ -124,10 +163,18 @@ impl<'a> Tracer<'a> {
         shader.aim(&self.materials, texel, surface.to_local(-direction), true);
     }
 
-    /// Radiance that a surface reflects toward the viewer whom `shader` is aimed at, but for what [`Self::direct`] finds.
-    fn continued(&self, numbers: &Numbers, mut surface: Surface, shader: &mut Shader, rays: &mut u64) -> Rgb {
+    /// Radiance that a surface reflects toward the viewer whom `first` is aimed at, but for what [`Self::direct`] finds.
+    fn continued(
+        &self,
+        numbers: &Numbers,
+        mut surface: Surface,
+        first: &Shader,
+        next: &mut Shader,
+        rays: &mut u64,
+    ) -> Rgb {
         let (mut radiance, mut throughput) = (Rgb::ZERO, Rgb::ONE);
         for bounce in 0..self.bounces {
+            let shader = if bounce == 0 { first } else { &*next };
             // The first bounce of a diffuse surface has nothing to choose.
             let diffuse = shader.lobes.is_empty() && shader.microfacets.is_empty();
             let chooses = bounce > 0 || !diffuse;
@@ -163,9 +210,9 @@ impl<'a> Tracer<'a> {
             if bounce + 1 == self.bounces {
                 break;
             }
-            surface = self.geometry.surface(&hit, origin, direction);
-            self.aim(numbers, bounce + 1, &surface, direction, shader);
-            radiance += throughput * self.direct(numbers, bounce + 1, &surface, shader, rays);
+            surface = self.geometry.surface(&hit, direction);
+            self.aim(numbers, bounce + 1, &surface, direction, next);
+            radiance += throughput * self.direct(numbers, bounce + 1, &surface, next, rays);
         }
         radiance
     }
