@@ -246,13 +246,19 @@ fn fits_samples(shard: &SbrdfMap, store: &SampledStore, part: Part) -> Result<bo
     }
     let mut hashes = String::new();
     for window in blocks_of(store, part)? {
-        hashes += &hash(&store.read(&window)?.reflectance);
+        hashes += &hash(&store.read(&window)?);
     }
     Ok(shard.attributes[SAMPLES] == sha256(hashes.as_bytes()))
 }
 
-fn hash(reflectance: &[f32]) -> String {
-    sha256(bytemuck::cast_slice(reflectance))
+/// Hash of all values, with their standard deviations where they are known.
+fn hash(sampled: &SampledSbrdf) -> String {
+    let mut hash = sha256(bytemuck::cast_slice(&sampled.reflectance));
+    if let Some(sigma) = &sampled.sigma {
+        let bytes: Vec<u8> = sigma.iter().flat_map(|value| value.to_le_bytes()).collect();
+        hash += &sha256(&bytes);
+    }
+    hash
 }
 
 /// Fits blocks, a few at a time, into a map of one row; and the hash of their samples, each block's by `hash`.
@@ -260,7 +266,7 @@ fn fit_blocks(
     options: &FitOptions,
     blocks: &[Window],
     read: impl Fn(&Window) -> Result<SampledSbrdf> + Sync,
-    hash: impl Fn(&[f32]) -> String + Sync,
+    hash: impl Fn(&SampledSbrdf) -> String + Sync,
 ) -> Result<(SbrdfMap, String)> {
     let texels: usize = blocks.iter().map(Window::texels).sum();
     let bar = progress::bar("fitting", texels as u64, "texels");
@@ -270,7 +276,7 @@ fn fit_blocks(
         let fits: Vec<Result<(SbrdfMap, String)>> = (group.par_iter())
             .map(|window| {
                 let sampled = read(window)?;
-                Ok((fit_window(&sampled, options, || bar.advance(1))?, hash(&sampled.reflectance)))
+                Ok((fit_window(&sampled, options, || bar.advance(1))?, hash(&sampled)))
             })
             .collect();
         for fit in fits {

@@ -2,9 +2,11 @@
 //! averaged coefficients are not those of the averaged reflectance.
 //!
 //! Texel (x, y) of level l stands for the texels 2ˡx … 2ˡ(x+1) − 1 of its row, and so for rows; at the right and lower edge for those of them
-//! that the sample has. Levels are ⌈size / 2ˡ⌉ large, down to one texel.
+//! that the sample has. Levels are ⌈size / 2ˡ⌉ large, down to one texel. Standard deviations are those of means of independent values.
 
 use std::path::{Path, PathBuf};
+
+use half::f16;
 
 use crate::error::Result;
 use crate::sampled::{SampledSbrdf, SampledStore, Window};
@@ -38,21 +40,29 @@ pub fn read(store: &SampledStore, level: u32, window: &Window) -> Result<Sampled
     let (columns, poses) = (window.x.len(), store.poses.len());
     let mut sums = vec![0f64; window.texels() * poses * 3];
     let mut counts = vec![0u32; window.texels() * poses];
+    let mut variances = store.has_sigma().then(|| vec![0f64; sums.len()]);
     for block in store.blocks_within(&whole) {
-        let samples = store.read(&block)?.reflectance;
+        let samples = store.read(&block)?;
         let texels = block.y.clone().flat_map(|y| block.x.clone().map(move |x| (x, y)));
-        for ((x, y), samples) in texels.zip(samples.chunks_exact(poses * 3)) {
+        for (index, (x, y)) in texels.enumerate() {
             let texel = ((y >> level) - window.y.start) * columns + (x >> level) - window.x.start;
-            for (pose, rgb) in
-                samples.chunks_exact(3).enumerate().filter(|(_, rgb)| rgb.iter().all(|v| v.is_finite()))
-            {
+            let sigmas = samples.sigmas(index);
+            for (pose, rgb) in samples.samples(index).enumerate().filter(|(_, rgb)| rgb.is_finite()) {
                 let place = texel * poses + pose;
                 counts[place] += 1;
-                sums[place * 3..place * 3 + 3].iter_mut().zip(rgb).for_each(|(sum, &v)| *sum += f64::from(v));
+                for (channel, value) in rgb.to_array().into_iter().enumerate() {
+                    sums[place * 3 + channel] += f64::from(value);
+                    if let (Some(variances), Some(sigmas)) = (&mut variances, sigmas) {
+                        variances[place * 3 + channel] += sigmas[pose * 3 + channel].to_f64().powi(2);
+                    }
+                }
             }
         }
     }
-    let means = sums.iter().enumerate().map(|(k, sum)| (sum / f64::from(counts[k / 3])) as f32);
+    let count = |k: usize| f64::from(counts[k / 3]);
+    let means = sums.iter().enumerate().map(|(k, sum)| (sum / count(k)) as f32);
+    let deviation = |(k, variance): (usize, f64)| f16::from_f64(variance.sqrt() / count(k));
+    let sigma = variances.map(|variances| variances.into_iter().enumerate().map(deviation).collect());
     let size = size([store.width, store.height], level);
     let side = f64::from(1u32 << level);
     // The level's grid may reach beyond the sample's right and lower edge; the sample's middle stays where it is.
@@ -67,6 +77,7 @@ pub fn read(store: &SampledStore, level: u32, window: &Window) -> Result<Sampled
         offset_texels: glam::DVec2::new(middle(&window.x, store.width), -middle(&window.y, store.height)),
         poses: store.poses.clone(),
         reflectance: means.collect(),
+        sigma,
     })
 }
 
@@ -91,6 +102,7 @@ mod tests {
         for texel in [0, 1, 37, 38] {
             sampled.reflectance[(texel * 4 + 3) * 3..][..3].fill(f32::NAN);
         }
+        sampled.sigma = Some(vec![f16::from_f64(0.5); sampled.reflectance.len()]);
         let path = folder.join("s.zarr");
         sampled.write_zarr(&path).unwrap();
         (sampled, SampledStore::open(&path).unwrap())
@@ -119,6 +131,9 @@ mod tests {
         let middle = (fine.position_mm(10 * 37 + 20) + fine.position_mm(11 * 37 + 21)) / 2.0;
         assert!((level.position_mm(5 * 19 + 10) - middle).length() < 1e-9);
         assert_eq!(level.texel_mm, 1.0);
+        // Of three valid values of 0.5 each.
+        let sigmas = level.sigmas(19 + 2).unwrap();
+        assert_eq!((sigmas[3], sigmas[6]), (f16::from_f64(0.5 / 3f64.sqrt()), f16::from_f64(0.25)));
     }
 
     #[test]
