@@ -12,6 +12,7 @@ use clap::{Args, ValueEnum};
 use crate::error::{Error, Result};
 use crate::fit::chunks::{self, Part};
 use crate::fit::figures::ErrorFigure;
+use crate::fit::weights::Weights;
 use crate::fit::{Device, Diffuse, FitOptions, MOST_LOBES, Method, Residual, gpu, mip};
 use crate::reflectance::SbrdfMap;
 use crate::sampled::SampledStore;
@@ -41,6 +42,10 @@ pub(super) struct FitArgs {
     /// The scale on which fitted and measured values are compared; `auto` is proportional for texels, balanced for tables
     #[arg(long, value_enum, default_value_t = ResidualName::Auto)]
     pub(super) residual: ResidualName,
+    /// What a sample of a sampled SBRDF weighs: as its pose, or the inverse square of its own standard deviation where those are there. With
+    /// sigma, `auto` is the linear residual
+    #[arg(long, value_enum, default_value_t = WeightsName::Pose)]
+    pub(super) weights: WeightsName,
     /// Let samples that lie far off the rest (dust, shadows, glints) weigh less or nothing, by Huber's and Tukey's weights; separable method. A
     /// highlight that very few poses meet may be lost with them
     #[arg(long)]
@@ -120,6 +125,15 @@ pub(super) enum MethodName {
     Ratio,
 }
 
+/// Names of weights on the command line.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub(super) enum WeightsName {
+    /// The pose's weight, and what the residual says
+    Pose,
+    /// 1/σ² of the sample
+    Sigma,
+}
+
 /// Names of devices on the command line.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub(super) enum DeviceName {
@@ -175,6 +189,13 @@ fn parse_lobes(text: &str) -> std::result::Result<Lobes, String> {
 }
 
 impl FitArgs {
+    fn weights(&self) -> Weights {
+        match self.weights {
+            WeightsName::Pose => Weights::Pose,
+            WeightsName::Sigma => Weights::Sigma,
+        }
+    }
+
     fn method(&self, residual: Residual) -> Method {
         match self.method {
             MethodName::LineSearch => Method::LineSearch,
@@ -291,7 +312,7 @@ fn fit_sampled(args: &FitArgs, input: &Path) -> Result<FitOutcome> {
         "{texels} texels × {poses} poses, {} by {}{device}: {seconds:.1} s\n{}",
         lobes_in_words(&map, &options),
         options.method.name(),
-        outcome.residuals() + &energy_in_words(&map)
+        outcome.residuals() + &energy_in_words(&map) + &mirrors_in_words(&map)
     ))?;
     Ok(outcome)
 }
@@ -304,7 +325,9 @@ fn sampled_options(args: &FitArgs) -> Result<FitOptions> {
     if args.model == ModelName::Ggx {
         return Err(Error::input("--model ggx is for measured tables; texels are fitted with lobes alone"));
     }
-    let residual = args.residual(FitOptions::default().residual);
+    let weights = args.weights();
+    let auto = if weights == Weights::Sigma { Residual::Linear } else { FitOptions::default().residual };
+    let residual = args.residual(auto);
     let method = args.method(residual);
     let (lobes, choose) = args.texel_lobes(method);
     let options = FitOptions {
@@ -316,6 +339,7 @@ fn sampled_options(args: &FitArgs) -> Result<FitOptions> {
         robust: args.robust,
         diffuse: args.diffuse_percentile.map_or(Diffuse::Joint, Diffuse::Percentile),
         residual,
+        weights,
         device: if args.device == DeviceName::Gpu { Device::Gpu } else { Device::Cpu },
         conserve_energy: args.conserve_energy,
     };
@@ -345,6 +369,22 @@ fn lobes_in_words(map: &SbrdfMap, options: &FitOptions) -> String {
     let shares: Vec<String> =
         (0..=most).map(|count| format!("{count} {} in {:.0} %", word(count), share(count))).collect();
     shares.join(", ")
+}
+
+/// The texels in which a mirror was met.
+fn mirrors(map: &SbrdfMap) -> usize {
+    map.extra.get("mirror.poses").map_or(0, |poses| poses.iter().filter(|&&count| count > 0.0).count())
+}
+
+/// How many those are; empty where there is none.
+fn mirrors_in_words(map: &SbrdfMap) -> String {
+    match mirrors(map) {
+        0 => String::new(),
+        count => format!(
+            "mirror: {count} of {} texels have a peak that the poses do not resolve; left out of the lobes, in mirror.*\n",
+            map.width * map.height
+        ),
+    }
 }
 
 /// How many texels were held to an albedo of 1, and at what price; empty where that was not asked for.
@@ -409,6 +449,7 @@ fn sampled_outcome(map: &SbrdfMap, seconds: f64) -> FitOutcome {
         outcome.figures.insert("texels_held".into(), held.into());
     }
     outcome.figures.insert("texels".into(), texels.into());
+    outcome.figures.insert("texels_with_mirror".into(), mirrors(map).into());
     outcome.figures.insert("texels_without_samples".into(), (texels - relative.len()).into());
     outcome.figures.insert("texels_per_second".into(), (texels as f64 / seconds.max(1e-9)).into());
     outcome

@@ -373,6 +373,7 @@ mod tests {
         separate_channels: false,
         diffuse: crate::fit::Diffuse::Joint,
         residual: crate::fit::Residual::Proportional,
+        weights: crate::fit::weights::Weights::Pose,
         robust: false,
         device: crate::fit::Device::Cpu,
         conserve_energy: false,

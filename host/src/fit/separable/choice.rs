@@ -88,6 +88,50 @@ pub fn left_out(solver: &Solver, task: Task, model: &Model, at: &Amplitudes) -> 
         .collect()
 }
 
+/// What comes of one lobe more.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Verdict {
+    /// It is better beyond doubt.
+    Better,
+    /// It predicts the poses a little better, but not beyond doubt: two lobes more may be, where one alone stands for both badly.
+    Doubtful,
+    /// It is no better.
+    No,
+}
+
+/// Judges a model of more lobes by its squared residuals `large` against those of one of fewer.
+pub fn verdict(large: &[f64], small: &[f64]) -> Verdict {
+    let gain: f64 = small.iter().zip(large).map(|(small, large)| small - large).sum();
+    match is_better(large, small) {
+        true => Verdict::Better,
+        false if gain > 0.0 => Verdict::Doubtful,
+        false => Verdict::No,
+    }
+}
+
+/// Looks for the last number of lobes that is better beyond doubt than the best before it, one lobe beyond the first that is not.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Ascent {
+    doubted: bool,
+}
+
+impl Ascent {
+    /// Whether to take the model with one lobe more, and whether to go on to the next.
+    pub fn step(&mut self, large: &[f64], best: &[f64]) -> (bool, bool) {
+        match verdict(large, best) {
+            Verdict::Better => {
+                self.doubted = false;
+                (true, true)
+            }
+            Verdict::Doubtful if !self.doubted => {
+                self.doubted = true;
+                (false, true)
+            }
+            _ => (false, false),
+        }
+    }
+}
+
 /// Whether poses are predicted better with the squared residuals `large` than with `small`, beyond doubt.
 pub fn is_better(large: &[f64], small: &[f64]) -> bool {
     let (mut gain, mut squares) = (0.0, 0.0);

@@ -5,10 +5,12 @@ use pulp::WithSimd;
 use super::super::model::Model;
 use super::super::samples::Samples;
 use super::super::texel::{TexelFit, affordable_lobes};
+use super::super::weights::Weights;
 use super::super::{Diffuse, FitOptions, Residual, diffuse};
 use super::bank::Bank;
 use super::choice;
 use super::data::{Data, Poses};
+use super::mirror::Mirror;
 use super::normal::Amplitudes;
 use super::robust;
 use super::shape::Family;
@@ -26,6 +28,8 @@ pub struct Workspace {
     /// Shapes for the block of texels at hand.
     pub bank: Bank,
     search: Search,
+    /// What the poses that were left out tell of a mirror.
+    mirror: Option<Mirror>,
     /// What was found at the last texel of every column of the block.
     columns: Vec<Vec<Trail>>,
     /// Texels of the block that started from a neighbour, and those of them that did not have to search after all.
@@ -36,13 +40,13 @@ pub struct Workspace {
 type Trail = [Vec<Known>; 2];
 
 /// Reading a texel's samples, as vector code.
-struct Load<'a>(&'a mut Data, &'a Poses, &'a SampledSbrdf, usize);
+struct Load<'a>(&'a mut Data, &'a Poses, &'a SampledSbrdf, usize, Weights);
 
 impl WithSimd for Load<'_> {
     type Output = ();
     #[inline(always)]
     fn with_simd<S: pulp::Simd>(self, _: S) {
-        self.0.load(self.1, self.2, self.3);
+        self.0.load(self.1, self.2, self.3, self.4);
     }
 }
 
@@ -131,13 +135,18 @@ impl Workspace {
         self.followed = [0; 2];
     }
 
-    /// Reads the samples of texel `index`.
-    pub fn load(&mut self, poses: &Poses, sampled: &SampledSbrdf, index: usize) {
-        self.solver.arch.dispatch(Load(&mut self.solver.data, poses, sampled, index));
+    /// Reads the samples of texel `index`. Where the number of lobes is a choice, so is a mirror term: poses that met one are left out.
+    pub fn load(&mut self, poses: &Poses, sampled: &SampledSbrdf, index: usize, options: &FitOptions) {
+        self.solver.arch.dispatch(Load(&mut self.solver.data, poses, sampled, index, options.weights));
+        self.mirror = if options.choose { Mirror::of(&self.solver.data) } else { None };
+        for &pose in self.mirror.iter().flat_map(|mirror| &mirror.poses) {
+            self.solver.data.leave_out(pose);
+        }
     }
 
     /// Takes samples of which the directions are known one by one, with a bank of their own.
     pub fn take(&mut self, samples: &Samples) {
+        self.mirror = None;
         self.solver.data.take(samples);
         self.bank.fill(&self.solver.data.products, self.solver.data.cone);
     }
@@ -209,7 +218,15 @@ impl Workspace {
         }
         let rms = (error / (3 * valid).max(1) as f64).sqrt();
         let relative = if whole > 0.0 { (error / whole).sqrt() } else { 0.0 };
-        TexelFit { brdf, rms, relative, samples: valid, sigma: Some(sigma), held: false }
+        TexelFit {
+            brdf,
+            rms,
+            relative,
+            samples: valid,
+            sigma: Some(sigma),
+            mirror: self.mirror.clone(),
+            held: false,
+        }
     }
 
     /// The fit of samples some of which may lie far off: their weights and the fit follow each other.
