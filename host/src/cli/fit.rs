@@ -312,7 +312,7 @@ fn fit_sampled(args: &FitArgs, input: &Path) -> Result<FitOutcome> {
         "{texels} texels × {poses} poses, {} by {}{device}: {seconds:.1} s\n{}",
         lobes_in_words(&map, &options),
         options.method.name(),
-        outcome.residuals() + &energy_in_words(&map) + &mirrors_in_words(&map)
+        outcome.residuals() + &energy_in_words(&map) + &mirrors_in_words(&map) + &ties_in_words(&map)
     ))?;
     Ok(outcome)
 }
@@ -387,6 +387,22 @@ fn mirrors_in_words(map: &SbrdfMap) -> String {
     }
 }
 
+/// The texels with coefficients that a prior decided.
+fn tied(map: &SbrdfMap) -> usize {
+    map.extra.get("tied").map_or(0, |tied| tied.iter().filter(|&&count| count > 0.0).count())
+}
+
+/// How many those are; empty where there is none.
+fn ties_in_words(map: &SbrdfMap) -> String {
+    match tied(map) {
+        0 => String::new(),
+        count => format!(
+            "tied: {count} of {} texels have coefficients that the poses do not tell, taken from neighbours or Phong's lobe\n",
+            map.width * map.height
+        ),
+    }
+}
+
 /// How many texels were held to an albedo of 1, and at what price; empty where that was not asked for.
 fn energy_in_words(map: &SbrdfMap) -> String {
     let Some((held, median)) = energy_price(map) else { return String::new() };
@@ -449,6 +465,7 @@ fn sampled_outcome(map: &SbrdfMap, seconds: f64) -> FitOutcome {
         outcome.figures.insert("texels_held".into(), held.into());
     }
     outcome.figures.insert("texels".into(), texels.into());
+    outcome.figures.insert("texels_tied".into(), tied(map).into());
     outcome.figures.insert("texels_with_mirror".into(), mirrors(map).into());
     outcome.figures.insert("texels_without_samples".into(), (texels - relative.len()).into());
     outcome.figures.insert("texels_per_second".into(), (texels as f64 / seconds.max(1e-9)).into());

@@ -303,7 +303,7 @@ impl FitOptions {
 }
 
 /// Fits every texel in parallel. Beside the coefficients the map has the planes `error.rms` (sr⁻¹), `error.relative` and
-/// `samples` (valid ones a texel), where lobes are chosen and a mirror was met `mirror.R`, `.G`, `.B` and `mirror.poses` ([`separable::mirror`]), and after the separable fit a standard deviation a coefficient, `sigma.rho_d.R` and so on. Where energy is to be conserved, `energy_held` marks the texels
+/// `samples` (valid ones a texel), where any does not tell all of its shapes' coefficients `tied` ([`separable::prior`]: how many were not), where lobes are chosen and a mirror was met `mirror.R`, `.G`, `.B` and `mirror.poses` ([`separable::mirror`]), and after the separable fit a standard deviation a coefficient, `sigma.rho_d.R` and so on. Where energy is to be conserved, `energy_held` marks the texels
 /// that were changed for it (their standard deviations are 0: unknown) and `error.energy_price` says by how much `error.relative` rose. The result is the same byte for byte whatever the number of threads.
 ///
 /// # Errors
@@ -488,6 +488,9 @@ fn map_of(sampled: &SampledSbrdf, options: &FitOptions, fits: &[TexelFit]) -> Sb
         plane("anisotropic", |fit| {
             f32::from(u8::from(fit.brdf.lobes.iter().any(|lobe| lobe.c.x != lobe.c.y)))
         });
+    }
+    if fits.iter().any(|fit| fit.tied > 0) {
+        map.extra.insert("tied".into(), fits.iter().map(|fit| fit.tied as f32).collect());
     }
     if fits.iter().any(|fit| fit.mirror.is_some()) {
         add_mirrors(&mut map, fits);
