@@ -26,13 +26,14 @@ pub fn path(finest: &Path, level: u32) -> PathBuf {
     finest.with_extension(format!("mip{level}.exr"))
 }
 
-/// The samples of a window of a level, averaged over the valid ones of its texels; read chunk by chunk.
+/// The samples of a window of a level, averaged over the valid ones of its texels; read chunk by chunk, with standard deviations where asked for
+/// and there.
 ///
 /// # Errors
 /// When a chunk cannot be read.
-pub fn read(store: &SampledStore, level: u32, window: &Window) -> Result<SampledSbrdf> {
+pub fn read(store: &SampledStore, level: u32, window: &Window, sigma: bool) -> Result<SampledSbrdf> {
     if level == 0 {
-        return store.read(window);
+        return store.read(window, sigma);
     }
     let fine =
         |range: &std::ops::Range<usize>, edge: usize| (range.start << level)..(range.end << level).min(edge);
@@ -40,9 +41,9 @@ pub fn read(store: &SampledStore, level: u32, window: &Window) -> Result<Sampled
     let (columns, poses) = (window.x.len(), store.poses.len());
     let mut sums = vec![0f64; window.texels() * poses * 3];
     let mut counts = vec![0u32; window.texels() * poses];
-    let mut variances = store.has_sigma().then(|| vec![0f64; sums.len()]);
+    let mut variances = (sigma && store.has_sigma()).then(|| vec![0f64; sums.len()]);
     for block in store.blocks_within(&whole) {
-        let samples = store.read(&block)?;
+        let samples = store.read(&block, sigma)?;
         let texels = block.y.clone().flat_map(|y| block.x.clone().map(move |x| (x, y)));
         for (index, (x, y)) in texels.enumerate() {
             let texel = ((y >> level) - window.y.start) * columns + (x >> level) - window.x.start;
@@ -120,7 +121,7 @@ mod tests {
         let (fine, store) = store(folder.path());
         let at = |x: usize, y: usize, pose: usize| fine.samples(y * 37 + x).nth(pose).unwrap();
         // A window that spans several chunks, to the lower right corner.
-        let level = read(&store, 1, &Window { x: 0..19, y: 0..11 }).unwrap();
+        let level = read(&store, 1, &Window { x: 0..19, y: 0..11 }, true).unwrap();
         let of = |x: usize, y: usize, pose: usize| level.samples(y * 19 + x).nth(pose).unwrap();
         let four = (at(20, 10, 2) + at(21, 10, 2) + at(20, 11, 2) + at(21, 11, 2)) / 4.0;
         assert!((of(10, 5, 2) - four).abs().max_element() < 1e-3);
@@ -140,8 +141,8 @@ mod tests {
     fn a_window_of_a_coarse_level_is_that_part_of_the_level() {
         let folder = tempfile::tempdir().unwrap();
         let (_, store) = store(folder.path());
-        let whole = read(&store, 2, &Window { x: 0..10, y: 0..6 }).unwrap();
-        let part = read(&store, 2, &Window { x: 3..10, y: 4..6 }).unwrap();
+        let whole = read(&store, 2, &Window { x: 0..10, y: 0..6 }, false).unwrap();
+        let part = read(&store, 2, &Window { x: 3..10, y: 4..6 }, false).unwrap();
         assert!(part.samples(7 + 1).eq(whole.samples(5 * 10 + 4)));
         assert_eq!(part.directions(8, 2), whole.directions(54, 2));
     }

@@ -217,6 +217,45 @@ fn samples_that_weigh_by_their_noise_reach_the_cramer_rao_bound() {
     }
 }
 
+/// 6 × 4 texels of a lobe with a mirror under it, which two poses meet, and the map of `auto`.
+fn mirrored(met: usize) -> (LobeBrdf, SbrdfMap) {
+    let lobe = Lobe { rho_s: Rgb::splat(0.3), c: glam::Vec3::new(-1.0, -1.0, 0.98), n: 20.0 };
+    let plain = LobeBrdf { lobes: vec![lobe], ..LobeBrdf::diffuse(Rgb::new(0.2, 0.1, 0.05)) };
+    let mut poses = crate::synth::poses(200, 5);
+    for pose in &mut poses[..met] {
+        pose.camera_mm = pose.light_mm * glam::DVec3::new(-1.0, -1.0, 1.0);
+    }
+    let options = crate::synth::Options {
+        width: 6,
+        height: 4,
+        texel_mm: 0.1,
+        poses: 200,
+        noise: 1e-3,
+        relative_noise: 0.01,
+        seed: 5,
+    };
+    let sampled = crate::synth::sample_at(poses, &options, |_, _, wi, wo| {
+        let mirror = if (wi + wo).normalize().z > 0.999_996 { 500.0 } else { 0.0 };
+        plain.eval(wi, wo) + Rgb::splat(mirror)
+    });
+    let options = FitOptions { choose: true, lobes: 3, ..FitOptions::default() };
+    (plain, fit_sbrdf(&sampled, &options).unwrap())
+}
+
+#[test]
+fn auto_reports_a_mirror_and_fits_the_lobes_beside_it_as_without() {
+    let ((plain, with), (_, without)) = (mirrored(2), mirrored(0));
+    assert!(!without.extra.contains_key("mirror.poses"));
+    assert!(with.extra["mirror.poses"].iter().all(|&poses| poses == 2.0), "{:?}", with.extra["mirror.poses"]);
+    assert!(with.extra["mirror.G"].iter().all(|&value| value > 200.0));
+    let unposed = directions(300, 77);
+    for texel in 0..24 {
+        let [with, without] =
+            [&with, &without].map(|map| relative_error(&map.texel(texel), &plain, &unposed));
+        assert!(with < 0.02 && without < 0.02, "{texel}: {with} {without}");
+    }
+}
+
 #[test]
 fn weights_by_standard_deviation_ask_for_them_and_for_the_linear_residual() {
     let linear = FitOptions { weights: Weights::Sigma, residual: Residual::Linear, ..FitOptions::default() };

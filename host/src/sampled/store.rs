@@ -75,7 +75,7 @@ impl SampledSbrdf {
     /// As [`SampledStore::open`].
     pub fn read_zarr(path: &Path) -> Result<Self> {
         let store = SampledStore::open(path)?;
-        store.read(&Window { x: 0..store.width, y: 0..store.height })
+        store.read(&Window { x: 0..store.width, y: 0..store.height }, true)
     }
 }
 
@@ -166,15 +166,16 @@ impl SampledStore {
         self.sigma.is_some()
     }
 
-    /// Reads a window.
+    /// Reads a window; its standard deviations, which make up a third of a store, only where asked for and there.
     ///
     /// # Errors
     /// When a chunk cannot be read or is no longer there.
-    pub fn read(&self, window: &Window) -> Result<SampledSbrdf> {
+    pub fn read(&self, window: &Window, sigma: bool) -> Result<SampledSbrdf> {
         let [columns, rows] = self.block_size();
         let chunks =
             |range: &Range<usize>, edge: usize| (range.start / edge) as u64..range.end.div_ceil(edge) as u64;
-        for array in std::iter::once(&self.array).chain(&self.sigma) {
+        let sigma = self.sigma.as_ref().filter(|_| sigma);
+        for array in std::iter::once(&self.array).chain(sigma) {
             chunks_are_there(&self.path, array, chunks(&window.y, rows), chunks(&window.x, columns))
                 .map_err(|message| Error::input(format!("{}: {message}", self.path.display())))?;
         }
@@ -182,7 +183,7 @@ impl SampledStore {
         let subset = [range(&window.y), range(&window.x), 0..self.poses.len() as u64, 0..3];
         let reading = |error| Error::reading(&self.path, error);
         let reflectance: Vec<f32> = self.array.retrieve_array_subset(&subset).map_err(reading)?;
-        let sigma = self.sigma.as_ref().map(|array| array.retrieve_array_subset(&subset)).transpose();
+        let sigma = sigma.map(|array| array.retrieve_array_subset(&subset)).transpose();
         let sigma: Option<Vec<f16>> = sigma.map_err(reading)?;
         let middle =
             |range: &Range<usize>, whole: usize| (range.start + range.end) as f64 / 2.0 - whole as f64 / 2.0;
@@ -443,7 +444,7 @@ mod tests {
         sampled.write_zarr(&path).unwrap();
         assert_eq!(SampledSbrdf::read_zarr(&path).unwrap(), sampled);
         let store = SampledStore::open(&path).unwrap();
-        let block = store.read(&Window { x: 16..19, y: 16..32 }).unwrap();
+        let block = store.read(&Window { x: 16..19, y: 16..32 }, true).unwrap();
         assert!(block.sigmas(0).unwrap() == sampled.sigmas(16 * 19 + 16).unwrap());
         fs::remove_file(path.join("sigma/c/1/0/0/0")).unwrap();
         let lost = SampledSbrdf::read_zarr(&path).unwrap_err().to_string();
@@ -460,7 +461,7 @@ mod tests {
         let blocks = store.blocks();
         assert_eq!((blocks.len(), blocks.iter().map(Window::texels).sum::<usize>()), (6, 19 * 33));
         for window in blocks {
-            let block = store.read(&window).unwrap();
+            let block = store.read(&window, true).unwrap();
             for (k, (y, x)) in window.y.flat_map(|y| window.x.clone().map(move |x| (y, x))).enumerate() {
                 let index = y * whole.width + x;
                 assert!(block.samples(k).eq(whole.samples(index)));
@@ -497,8 +498,8 @@ mod tests {
         example().write_zarr(&path).unwrap();
         let store = SampledStore::open(&path).unwrap();
         fs::remove_file(path.join("reflectance/c/1/0/0/0")).unwrap();
-        assert!(store.read(&Window { x: 0..16, y: 0..16 }).is_ok());
-        let lost = store.read(&Window { x: 0..16, y: 8..24 }).unwrap_err().to_string();
+        assert!(store.read(&Window { x: 0..16, y: 0..16 }, true).is_ok());
+        let lost = store.read(&Window { x: 0..16, y: 8..24 }, true).unwrap_err().to_string();
         assert!(lost.contains("reflectance/c/1/0/0/0 is missing"), "{lost}");
         let text = SampledSbrdf::read_zarr(&path).unwrap_err().to_string();
         assert!(text.contains("reflectance/c/1/0/0/0"), "{text}");

@@ -23,6 +23,7 @@ use super::separable::shape::Family;
 use super::separable::start::{Found, Task, minimise};
 use super::separable::texel::{Workspace, channel_groups};
 use super::texel::TexelFit;
+use super::weights::Weights;
 use super::{Device, FitOptions, Method};
 use crate::error::{Error, Result};
 use crate::sampled::{SampledSbrdf, SampledStore};
@@ -60,7 +61,7 @@ pub fn faster(store: &SampledStore, options: &FitOptions) -> Result<Device> {
         return Ok(Device::Cpu);
     }
     let windows = store.blocks();
-    let chunk = store.read(&windows[windows.len() / 2])?;
+    let chunk = store.read(&windows[windows.len() / 2], options.weights == Weights::Sigma)?;
     let time = |device: Device| {
         let start = Instant::now();
         super::fit_window(&chunk, &FitOptions { device, ..*options }, || ()).map(|_| start.elapsed())

@@ -124,6 +124,7 @@ fn channels_of_their_own_a_given_diffuse_term_missing_samples_and_the_choice_of_
         FitOptions { separate_channels: true, ..linear },
         FitOptions { diffuse: Diffuse::Percentile(10.0), ..linear },
         FitOptions { choose: true, lobes: 1, ..FitOptions::default() },
+        FitOptions { weights: Weights::Sigma, ..linear },
     ] {
         let maps = both(&sampled, &options);
         let [cpu, gpu] = &maps;

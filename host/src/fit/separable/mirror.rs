@@ -3,10 +3,9 @@
 //!
 //! Few poses stand out by far, all near the mirror direction. The narrowness of a lobe through them has a lower bound from what the next poses
 //! see, and one from energy: with f ∝ cosⁿ of the angle to the mirror direction, 2δ for a half vector at δ from the normal, the albedo is about
-//! 2π f / (n + 2). Where energy asks for a narrower lobe than the poses do, or the poses for one narrower than any lobe, they
-//! do not resolve it.
+//! 2π f / (n + 2). Where energy asks for a narrower lobe than the poses do, or the poses for one of n ≥ 1000 (at half its
+//! peak 2.1° from the mirror direction), they do not resolve it.
 
-use super::super::model::EXPONENTS;
 use super::data::Data;
 use crate::reflectance::colour;
 
@@ -18,6 +17,9 @@ const STANDS_OUT: f64 = 30.0;
 const OVER_MEDIAN: f64 = 100.0;
 /// Largest angle of their half vectors from the normal, radians: half a degree or two of registration and of the light's size.
 const MOST_OFF: f64 = 0.05;
+
+/// Least exponent of a lobe that so few poses meet for being no lobe.
+const NO_LOBE: f64 = 1000.0;
 
 /// A mirror term of a texel.
 #[derive(Debug, Clone, PartialEq)]
@@ -61,7 +63,7 @@ impl Mirror {
             let values = poses.iter().map(|&k| data.rgb[channel][k] * data.products.cos[0][k]);
             values.fold(0.0, f64::max)
         };
-        let resolved = by_energy <= by_poses && by_poses < EXPONENTS[1];
+        let resolved = by_energy <= by_poses && by_poses < NO_LOBE;
         let value = [peak(0), peak(1), peak(2)];
         (!resolved).then_some(Self { poses, value })
     }

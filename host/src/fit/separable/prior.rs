@@ -195,7 +195,7 @@ impl Penalty {
 mod tests {
     use super::super::super::random::Random;
     use super::super::super::samples::Samples;
-    use super::super::super::testing::{self, directions, measured, relative_error};
+    use super::super::super::testing::{directions, measured, relative_error};
     use super::super::super::{FitOptions, Residual};
     use super::super::texel::Workspace;
     use super::*;
