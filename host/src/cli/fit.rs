@@ -39,12 +39,12 @@ pub(super) struct FitArgs {
     /// How the lobes' shapes are found
     #[arg(long, value_enum, default_value_t = MethodName::Auto)]
     pub(super) method: MethodName,
-    /// The scale on which fitted and measured values are compared; `auto` is proportional for texels, balanced for tables
+    /// The scale on which fitted and measured values are compared; `auto` is balanced for tables, proportional for texels, linear where those weigh by their standard deviations
     #[arg(long, value_enum, default_value_t = ResidualName::Auto)]
     pub(super) residual: ResidualName,
-    /// What a sample of a sampled SBRDF weighs: as its pose, or the inverse square of its own standard deviation where those are there. With
-    /// sigma, `auto` is the linear residual
-    #[arg(long, value_enum, default_value_t = WeightsName::Pose)]
+    /// What a sample of a sampled SBRDF weighs. `auto` is sigma, with the linear residual, where the standard deviations are there and neither
+    /// residual nor method are named otherwise; else pose
+    #[arg(long, value_enum, default_value_t = WeightsName::Auto)]
     pub(super) weights: WeightsName,
     /// Let samples that lie far off the rest (dust, shadows, glints) weigh less or nothing, by Huber's and Tukey's weights; separable method. A
     /// highlight that very few poses meet may be lost with them
@@ -128,6 +128,8 @@ pub(super) enum MethodName {
 /// Names of weights on the command line.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub(super) enum WeightsName {
+    /// Sigma where that is known
+    Auto,
     /// The pose's weight, and what the residual says
     Pose,
     /// 1/σ² of the sample
@@ -149,7 +151,7 @@ pub(super) enum DeviceName {
 /// Names of residuals on the command line.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub(super) enum ResidualName {
-    /// Proportional for texels, balanced for tables
+    /// Proportional for texels, linear where they weigh by their standard deviations; balanced for tables
     Auto,
     /// f
     Linear,
@@ -189,10 +191,11 @@ fn parse_lobes(text: &str) -> std::result::Result<Lobes, String> {
 }
 
 impl FitArgs {
-    fn weights(&self) -> Weights {
-        match self.weights {
-            WeightsName::Pose => Weights::Pose,
-            WeightsName::Sigma => Weights::Sigma,
+    /// Lets the samples of a store weigh by their standard deviations where they are there and nothing else was asked for.
+    fn weigh(&self, options: &mut FitOptions, store: &SampledStore) {
+        let free = self.weights == WeightsName::Auto && self.residual == ResidualName::Auto;
+        if free && options.method == Method::Separable && store.has_sigma() {
+            (options.weights, options.residual) = (Weights::Sigma, Residual::Linear);
         }
     }
 
@@ -289,6 +292,7 @@ fn fit_sampled(args: &FitArgs, input: &Path) -> Result<FitOutcome> {
         ));
     }
     let store = SampledStore::open(input)?;
+    args.weigh(&mut options, &store);
     if let Some(part) = args.chunks {
         return parts::fit(&store, &options, part, output);
     }
@@ -325,7 +329,7 @@ fn sampled_options(args: &FitArgs) -> Result<FitOptions> {
     if args.model == ModelName::Ggx {
         return Err(Error::input("--model ggx is for measured tables; texels are fitted with lobes alone"));
     }
-    let weights = args.weights();
+    let weights = if args.weights == WeightsName::Sigma { Weights::Sigma } else { Weights::Pose };
     let auto = if weights == Weights::Sigma { Residual::Linear } else { FitOptions::default().residual };
     let residual = args.residual(auto);
     let method = args.method(residual);

@@ -83,6 +83,8 @@ const COMMENTS: [(&str, &str); 28] = [
     ("black_level", "value of a pixel without light"),
     ("white_level", "value at which it saturates"),
     ("responsivity", "value above black a unit of radiance and second, for R, G, B"),
+    ("electrons_per_value", "with the read noise, for the standard deviations of the samples"),
+    ("read_noise_e", "electrons RMS"),
     ("aperture_diameter_mm", "of the lamp's disc, which faces the crossing of pan and tilt"),
     ("radiance", "of the warm lamp, for R, G, B"),
     ("reference_reading", "of the photodiode at that radiance"),

@@ -18,6 +18,8 @@ use super::uncertainty::{Covariance, Response};
 
 /// Standard errors by which a larger model has to be better.
 const ERRORS: f64 = 2.0;
+/// Standard errors from which on a larger model that is not better beyond doubt makes one more lobe worth a look.
+const DOUBTFUL: f64 = 0.5;
 /// Or the share of the sum of squares that it may leave: a sharp lobe that only two or three poses meet is never two
 /// standard errors better, but leaves next to nothing there.
 const SHARE: f64 = 0.7;
@@ -101,12 +103,22 @@ pub enum Verdict {
 
 /// Judges a model of more lobes by its squared residuals `large` against those of one of fewer.
 pub fn verdict(large: &[f64], small: &[f64]) -> Verdict {
-    let gain: f64 = small.iter().zip(large).map(|(small, large)| small - large).sum();
-    match is_better(large, small) {
-        true => Verdict::Better,
-        false if gain > 0.0 => Verdict::Doubtful,
-        false => Verdict::No,
+    let (gain, error, whole) = gain(large, small);
+    match gain {
+        gain if gain > ERRORS * error || gain > (1.0 - SHARE) * whole => Verdict::Better,
+        gain if gain > DOUBTFUL * error => Verdict::Doubtful,
+        _ => Verdict::No,
     }
+}
+
+/// By how much squared residuals fall, the standard error of that, and their sum before.
+fn gain(large: &[f64], small: &[f64]) -> (f64, f64, f64) {
+    let (mut gain, mut squares) = (0.0, 0.0);
+    for (large, small) in large.iter().zip(small) {
+        gain += small - large;
+        squares += (small - large) * (small - large);
+    }
+    (gain, squares.sqrt(), small.iter().sum())
 }
 
 /// Looks for the last number of lobes that is better beyond doubt than the best before it, one lobe beyond the first that is not.
@@ -134,10 +146,5 @@ impl Ascent {
 
 /// Whether poses are predicted better with the squared residuals `large` than with `small`, beyond doubt.
 pub fn is_better(large: &[f64], small: &[f64]) -> bool {
-    let (mut gain, mut squares) = (0.0, 0.0);
-    for (large, small) in large.iter().zip(small) {
-        gain += small - large;
-        squares += (small - large) * (small - large);
-    }
-    gain > ERRORS * squares.sqrt() || gain > (1.0 - SHARE) * small.iter().sum::<f64>()
+    verdict(large, small) == Verdict::Better
 }
