@@ -63,7 +63,7 @@ const MATERIAL_HEADING: &str = "\
 ";
 
 /// What the keys of a rig mean that do not say so themselves.
-const COMMENTS: [(&str, &str); 28] = [
+const COMMENTS: [(&str, &str); 30] = [
     ("home_deg", "angle of the home switch's edge, below min_deg"),
     ("take_up_deg", "overshoot that takes up the backlash: every position is approached from below"),
     ("settle_s", "rest after a move before the rig counts as still"),
