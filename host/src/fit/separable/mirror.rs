@@ -164,8 +164,11 @@ mod tests {
             }
             // Lobes that keep 30 % of the light, whatever n.
             for n in [50.0, 200.0, 500.0] {
-                let lobe =
-                    Lobe { rho_s: Rgb::splat(0.3 * (n + 2.0) / 6.283), c: Vec3::new(-1.0, -1.0, 1.0), n };
+                let lobe = Lobe {
+                    rho_s: Rgb::splat(0.3 * (n + 2.0) / std::f32::consts::TAU),
+                    c: Vec3::new(-1.0, -1.0, 1.0),
+                    n,
+                };
                 check("lobe", poses, &LobeBrdf { lobes: vec![lobe], ..LobeBrdf::diffuse(Rgb::splat(0.05)) });
             }
         }
