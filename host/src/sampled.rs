@@ -1,9 +1,11 @@
 //! A sampled SBRDF: the measured reflectance of every texel at every pose, with where light and camera stood.
 //!
 //! Shapes and names are those of the Zarr store: `reflectance` [y, x, pose, rgb] in sr⁻¹, NaN where a texel has no
-//! valid exposure; `light_position_mm`, `camera_position_mm` [pose, xyz] in the sample's frame.
+//! valid exposure; `sigma` [y, x, pose, rgb], where it is known, is the standard deviation of each; `light_position_mm`,
+//! `camera_position_mm` [pose, xyz] in the sample's frame.
 
 use glam::{DVec2, DVec3, Vec3};
+use half::f16;
 
 use crate::reflectance::Rgb;
 
@@ -38,13 +40,17 @@ pub struct SampledSbrdf {
     pub poses: Vec<PoseGeometry>,
     /// [y, x, pose, rgb] in sr⁻¹; NaN without a valid exposure.
     pub reflectance: Vec<f32>,
+    /// [y, x, pose, rgb] in sr⁻¹: the standard deviation of each value by noise that is independent from value to value, where it is
+    /// known. Half precision (0.05 % down to 6e-5 sr⁻¹, 6e-8 sr⁻¹ below): a weight needs no more, and it makes a store half as large again,
+    /// not twice.
+    pub sigma: Option<Vec<f16>>,
 }
 
 impl SampledSbrdf {
     /// A store of NaN for the given size.
     pub fn empty(width: usize, height: usize, texel_mm: f64, poses: Vec<PoseGeometry>) -> Self {
         let reflectance = vec![f32::NAN; width * height * poses.len() * 3];
-        Self { width, height, texel_mm, offset_texels: DVec2::ZERO, poses, reflectance }
+        Self { width, height, texel_mm, offset_texels: DVec2::ZERO, poses, reflectance, sigma: None }
     }
 
     /// Number of texels.
@@ -75,6 +81,12 @@ impl SampledSbrdf {
     pub fn values(&self, index: usize) -> &[f32] {
         let count = self.poses.len() * 3;
         &self.reflectance[index * count..(index + 1) * count]
+    }
+
+    /// Their standard deviations, where they are known.
+    pub fn sigmas(&self, index: usize) -> Option<&[f16]> {
+        let count = self.poses.len() * 3;
+        self.sigma.as_ref().map(|sigma| &sigma[index * count..(index + 1) * count])
     }
 }
 

@@ -1,6 +1,7 @@
 //! Sampled SBRDFs of known materials, without a rig: random poses, exact directions, noise as it is asked for.
 
 use glam::{DVec3, Vec3};
+use half::f16;
 use rayon::prelude::*;
 
 use crate::fit::random::Random;
@@ -57,7 +58,7 @@ pub fn sample(
     sample_at(poses(options.poses, options.seed), options, reflectance)
 }
 
-/// As [`sample`], at poses that are given.
+/// As [`sample`], at poses that are given. With noise, its standard deviations are there too.
 pub fn sample_at(
     poses: Vec<PoseGeometry>,
     options: &Options,
@@ -66,15 +67,19 @@ pub fn sample_at(
     let mut sampled = SampledSbrdf::empty(options.width, options.height, options.texel_mm, poses);
     let span = 3 * sampled.poses.len();
     let mut values = std::mem::take(&mut sampled.reflectance);
-    values.par_chunks_mut(span.max(1)).enumerate().for_each(|(index, values)| {
+    let mut deviations = vec![f16::NAN; values.len()];
+    let texels = values.par_chunks_mut(span.max(1)).zip(deviations.par_chunks_mut(span.max(1)));
+    texels.enumerate().for_each(|(index, (values, deviations))| {
         // A texel's noise depends on nothing but the seed and its index.
         let mut random = Random::new(Random::new(options.seed ^ 0x6e6f_6973).bits() ^ index as u64);
         let place = sampled.position_mm(index);
-        for (pose, values) in values.chunks_exact_mut(3).enumerate() {
+        let samples = values.chunks_exact_mut(3).zip(deviations.chunks_exact_mut(3));
+        for (pose, (values, deviations)) in samples.enumerate() {
             let (wi, wo) = sampled.directions(index, pose);
             let truth = reflectance(index, place, wi, wo);
-            for (value, truth) in values.iter_mut().zip(truth.to_array()) {
+            for ((value, deviation), truth) in values.iter_mut().zip(deviations).zip(truth.to_array()) {
                 let truth = f64::from(truth);
+                *deviation = f16::from_f64(options.noise.hypot(options.relative_noise * truth));
                 let mut noisy = truth;
                 if options.relative_noise > 0.0 {
                     noisy += options.relative_noise * truth * random.normal();
@@ -87,6 +92,9 @@ pub fn sample_at(
         }
     });
     sampled.reflectance = values;
+    if options.noise > 0.0 || options.relative_noise > 0.0 {
+        sampled.sigma = Some(deviations);
+    }
     sampled
 }
 
@@ -134,6 +142,10 @@ mod tests {
                 .sum();
             (squares / exact.reflectance.len() as f64).sqrt()
         };
+        assert_eq!(exact.sigma, None);
+        let both = make(&options(0.01, 0.1));
+        let (sigma, value) = (both.sigma.unwrap()[77].to_f64(), f64::from(exact.reflectance[77]));
+        assert!((sigma / 0.01f64.hypot(0.1 * value) - 1.0).abs() < 1e-3);
         // 64,800 values: the spread is known to 0.3 %.
         assert!((off(&noisy, false) / 0.01 - 1.0).abs() < 0.02);
         assert!((off(&make(&options(0.0, 0.05)), true) / 0.05 - 1.0).abs() < 0.02);

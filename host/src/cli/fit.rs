@@ -12,6 +12,7 @@ use clap::{Args, ValueEnum};
 use crate::error::{Error, Result};
 use crate::fit::chunks::{self, Part};
 use crate::fit::figures::ErrorFigure;
+use crate::fit::weights::Weights;
 use crate::fit::{Device, Diffuse, FitOptions, MOST_LOBES, Method, Residual, gpu, mip};
 use crate::reflectance::SbrdfMap;
 use crate::sampled::SampledStore;
@@ -38,9 +39,13 @@ pub(super) struct FitArgs {
     /// How the lobes' shapes are found
     #[arg(long, value_enum, default_value_t = MethodName::Auto)]
     pub(super) method: MethodName,
-    /// The scale on which fitted and measured values are compared; `auto` is proportional for texels, balanced for tables
+    /// The scale on which fitted and measured values are compared; `auto` is balanced for tables, proportional for texels, linear where those weigh by their standard deviations
     #[arg(long, value_enum, default_value_t = ResidualName::Auto)]
     pub(super) residual: ResidualName,
+    /// What a sample of a sampled SBRDF weighs. `auto` is sigma, with the linear residual, where the standard deviations are there and neither
+    /// residual nor method are named otherwise; else pose
+    #[arg(long, value_enum, default_value_t = WeightsName::Auto)]
+    pub(super) weights: WeightsName,
     /// Let samples that lie far off the rest (dust, shadows, glints) weigh less or nothing, by Huber's and Tukey's weights; separable method. A
     /// highlight that very few poses meet may be lost with them
     #[arg(long)]
@@ -120,6 +125,17 @@ pub(super) enum MethodName {
     Ratio,
 }
 
+/// Names of weights on the command line.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub(super) enum WeightsName {
+    /// Sigma where that is known
+    Auto,
+    /// The pose's weight, and what the residual says
+    Pose,
+    /// 1/σ² of the sample
+    Sigma,
+}
+
 /// Names of devices on the command line.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub(super) enum DeviceName {
@@ -135,7 +151,7 @@ pub(super) enum DeviceName {
 /// Names of residuals on the command line.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub(super) enum ResidualName {
-    /// Proportional for texels, balanced for tables
+    /// Proportional for texels, linear where they weigh by their standard deviations; balanced for tables
     Auto,
     /// f
     Linear,
@@ -175,6 +191,14 @@ fn parse_lobes(text: &str) -> std::result::Result<Lobes, String> {
 }
 
 impl FitArgs {
+    /// Lets the samples of a store weigh by their standard deviations where they are there and nothing else was asked for.
+    fn weigh(&self, options: &mut FitOptions, store: &SampledStore) {
+        let free = self.weights == WeightsName::Auto && self.residual == ResidualName::Auto;
+        if free && options.method == Method::Separable && store.has_sigma() {
+            (options.weights, options.residual) = (Weights::Sigma, Residual::Linear);
+        }
+    }
+
     fn method(&self, residual: Residual) -> Method {
         match self.method {
             MethodName::LineSearch => Method::LineSearch,
@@ -268,6 +292,7 @@ fn fit_sampled(args: &FitArgs, input: &Path) -> Result<FitOutcome> {
         ));
     }
     let store = SampledStore::open(input)?;
+    args.weigh(&mut options, &store);
     if let Some(part) = args.chunks {
         return parts::fit(&store, &options, part, output);
     }
@@ -291,7 +316,7 @@ fn fit_sampled(args: &FitArgs, input: &Path) -> Result<FitOutcome> {
         "{texels} texels × {poses} poses, {} by {}{device}: {seconds:.1} s\n{}",
         lobes_in_words(&map, &options),
         options.method.name(),
-        outcome.residuals() + &energy_in_words(&map)
+        outcome.residuals() + &energy_in_words(&map) + &mirrors_in_words(&map) + &ties_in_words(&map)
     ))?;
     Ok(outcome)
 }
@@ -304,7 +329,9 @@ fn sampled_options(args: &FitArgs) -> Result<FitOptions> {
     if args.model == ModelName::Ggx {
         return Err(Error::input("--model ggx is for measured tables; texels are fitted with lobes alone"));
     }
-    let residual = args.residual(FitOptions::default().residual);
+    let weights = if args.weights == WeightsName::Sigma { Weights::Sigma } else { Weights::Pose };
+    let auto = if weights == Weights::Sigma { Residual::Linear } else { FitOptions::default().residual };
+    let residual = args.residual(auto);
     let method = args.method(residual);
     let (lobes, choose) = args.texel_lobes(method);
     let options = FitOptions {
@@ -316,6 +343,7 @@ fn sampled_options(args: &FitArgs) -> Result<FitOptions> {
         robust: args.robust,
         diffuse: args.diffuse_percentile.map_or(Diffuse::Joint, Diffuse::Percentile),
         residual,
+        weights,
         device: if args.device == DeviceName::Gpu { Device::Gpu } else { Device::Cpu },
         conserve_energy: args.conserve_energy,
     };
@@ -345,6 +373,38 @@ fn lobes_in_words(map: &SbrdfMap, options: &FitOptions) -> String {
     let shares: Vec<String> =
         (0..=most).map(|count| format!("{count} {} in {:.0} %", word(count), share(count))).collect();
     shares.join(", ")
+}
+
+/// The texels in which a mirror was met.
+fn mirrors(map: &SbrdfMap) -> usize {
+    map.extra.get("mirror.poses").map_or(0, |poses| poses.iter().filter(|&&count| count > 0.0).count())
+}
+
+/// How many those are; empty where there is none.
+fn mirrors_in_words(map: &SbrdfMap) -> String {
+    match mirrors(map) {
+        0 => String::new(),
+        count => format!(
+            "mirror: {count} of {} texels have a peak that the poses do not resolve; left out of the lobes, in mirror.*\n",
+            map.width * map.height
+        ),
+    }
+}
+
+/// The texels with coefficients that a prior decided.
+fn tied(map: &SbrdfMap) -> usize {
+    map.extra.get("tied").map_or(0, |tied| tied.iter().filter(|&&count| count > 0.0).count())
+}
+
+/// How many those are; empty where there is none.
+fn ties_in_words(map: &SbrdfMap) -> String {
+    match tied(map) {
+        0 => String::new(),
+        count => format!(
+            "tied: {count} of {} texels have coefficients that the poses do not tell, taken from neighbours or Phong's lobe\n",
+            map.width * map.height
+        ),
+    }
 }
 
 /// How many texels were held to an albedo of 1, and at what price; empty where that was not asked for.
@@ -409,6 +469,8 @@ fn sampled_outcome(map: &SbrdfMap, seconds: f64) -> FitOutcome {
         outcome.figures.insert("texels_held".into(), held.into());
     }
     outcome.figures.insert("texels".into(), texels.into());
+    outcome.figures.insert("texels_tied".into(), tied(map).into());
+    outcome.figures.insert("texels_with_mirror".into(), mirrors(map).into());
     outcome.figures.insert("texels_without_samples".into(), (texels - relative.len()).into());
     outcome.figures.insert("texels_per_second".into(), (texels as f64 / seconds.max(1e-9)).into());
     outcome

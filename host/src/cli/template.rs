@@ -63,7 +63,7 @@ const MATERIAL_HEADING: &str = "\
 ";
 
 /// What the keys of a rig mean that do not say so themselves.
-const COMMENTS: [(&str, &str); 28] = [
+const COMMENTS: [(&str, &str); 30] = [
     ("home_deg", "angle of the home switch's edge, below min_deg"),
     ("take_up_deg", "overshoot that takes up the backlash: every position is approached from below"),
     ("settle_s", "rest after a move before the rig counts as still"),
@@ -83,6 +83,8 @@ const COMMENTS: [(&str, &str); 28] = [
     ("black_level", "value of a pixel without light"),
     ("white_level", "value at which it saturates"),
     ("responsivity", "value above black a unit of radiance and second, for R, G, B"),
+    ("electrons_per_value", "with the read noise, for the standard deviations of the samples"),
+    ("read_noise_e", "electrons RMS"),
     ("aperture_diameter_mm", "of the lamp's disc, which faces the crossing of pan and tilt"),
     ("radiance", "of the warm lamp, for R, G, B"),
     ("reference_reading", "of the photodiode at that radiance"),

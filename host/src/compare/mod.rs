@@ -282,7 +282,8 @@ fn render(
         let reflected = |(texel, weight)| weight * map.eval(texel, wi.as_vec3(), wo)[channel];
         neighbours.map(reflected).iter().sum::<f32>() * irradiance as f32
     };
-    MosaicRadiance { width, height, data: (0..width * height).map(value).collect() }
+    let data = (0..width * height).map(value).collect();
+    MosaicRadiance { width, height, data, variance: Vec::new() }
 }
 
 /// The four texels about a place and their bilinear weights.

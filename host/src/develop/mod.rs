@@ -3,6 +3,7 @@
 use std::path::Path;
 
 use glam::{DVec2, DVec3, Vec3Swizzles};
+use half::f16;
 use rayon::prelude::*;
 
 use crate::acquire::RunFolder;
@@ -35,8 +36,16 @@ pub struct Developed {
     pub registrations: Vec<std::result::Result<Registration, String>>,
 }
 
-/// One developed pose: its geometry, its registration and its reflectance [y, x, rgb].
-pub(crate) type DevelopedPose = (PoseGeometry, std::result::Result<Registration, String>, Vec<f32>);
+/// One developed pose: its geometry, its registration and its texels.
+pub(crate) type DevelopedPose = (PoseGeometry, std::result::Result<Registration, String>, PoseTexels);
+
+/// What one pose says of every texel, [y, x, rgb].
+pub(crate) struct PoseTexels {
+    /// Reflectance, sr⁻¹.
+    reflectance: Vec<f32>,
+    /// Its standard deviation by shot and read noise, sr⁻¹.
+    sigma: Vec<f16>,
+}
 
 /// Develops a complete run. Poses whose photographs cannot be registered get weight 0 and no samples.
 ///
@@ -77,13 +86,24 @@ pub(crate) fn assembled(config: &RigConfig, poses: &[DevelopedPose]) -> SampledS
     let (width, height) = (config.carrier.texels_across, config.carrier.texels_down());
     let geometries = poses.iter().map(|(geometry, _, _)| *geometry).collect();
     let mut sampled = SampledSbrdf::empty(width, height, config.carrier.texel_mm(), geometries);
-    let span = poses.len() * 3;
-    sampled.reflectance.par_chunks_mut(span).enumerate().for_each(|(texel, samples)| {
-        for (sample, (_, _, reflectance)) in samples.chunks_exact_mut(3).zip(poses) {
-            sample.copy_from_slice(&reflectance[3 * texel..3 * texel + 3]);
+    sampled.reflectance = by_texel(poses, width * height, |texels| &texels.reflectance);
+    sampled.sigma = Some(by_texel(poses, width * height, |texels| &texels.sigma));
+    sampled
+}
+
+/// The values of all poses, [y, x, rgb] each, as [y, x, pose, rgb].
+fn by_texel<T: Copy + Send + Sync + Default>(
+    poses: &[DevelopedPose],
+    texels: usize,
+    values: impl Fn(&PoseTexels) -> &[T] + Sync,
+) -> Vec<T> {
+    let mut all = vec![T::default(); texels * poses.len() * 3];
+    all.par_chunks_mut(poses.len() * 3).enumerate().for_each(|(texel, samples)| {
+        for (sample, (_, _, pose)) in samples.chunks_exact_mut(3).zip(poses) {
+            sample.copy_from_slice(&values(pose)[3 * texel..3 * texel + 3]);
         }
     });
-    sampled
+    all
 }
 
 /// The photographs of a complete run.
@@ -139,14 +159,16 @@ impl Photographs {
             Ok(mut registration) => {
                 registration.homography = registration.homography.from_origin(off_mm);
                 let geometry = pose_geometry(config, &registration.pose, angles.light);
-                let reflectance = texel_reflectance(config, mosaic, &registration, &geometry);
-                (geometry, Ok(registration), reflectance)
+                let texels = texel_reflectance(config, mosaic, &registration, &geometry);
+                (geometry, Ok(registration), texels)
             }
             Err(why) => {
                 let geometry =
                     pose_geometry(config, &registration::from_motors(config, &angles), angles.light);
                 let texels = config.carrier.texels_across * config.carrier.texels_down();
-                (PoseGeometry { weight: 0.0, ..geometry }, Err(why), vec![f32::NAN; 3 * texels])
+                let unknown =
+                    PoseTexels { reflectance: vec![f32::NAN; 3 * texels], sigma: vec![f16::NAN; 3 * texels] };
+                (PoseGeometry { weight: 0.0, ..geometry }, Err(why), unknown)
             }
         }
     }
@@ -216,21 +238,24 @@ fn pose_radiance(run: &RunFolder, exposures: &[ExposureRecord], dark: &DarkSigna
     radiance::merge(&run.rig.camera, dark, &bracket)
 }
 
-/// The reflectance of every texel under one pose, [y, x, rgb].
+/// The reflectance of every texel under one pose and its standard deviation.
 fn texel_reflectance(
     config: &RigConfig,
     mosaic: &MosaicRadiance,
     registration: &Registration,
     geometry: &PoseGeometry,
-) -> Vec<f32> {
-    let planes = BayerPlanes::new(mosaic);
+) -> PoseTexels {
+    let (values, variances) = (BayerPlanes::new(mosaic), BayerPlanes::of_variance(mosaic));
     let (width, height) = (config.carrier.texels_across, config.carrier.texels_down());
-    (0..width * height)
-        .flat_map(|texel| {
-            let position: DVec3 = texel_position_mm(width, height, config.carrier.texel_mm(), texel);
-            let radiance = planes.sample(registration.pixel(config, position.xy()));
-            let factor = reflectance::irradiance_factor(config, geometry, position);
-            reflectance::reflectance(config, radiance, factor)
-        })
-        .collect()
+    let count = 3 * width * height;
+    let mut texels = PoseTexels { reflectance: Vec::with_capacity(count), sigma: Vec::with_capacity(count) };
+    for texel in 0..width * height {
+        let position: DVec3 = texel_position_mm(width, height, config.carrier.texel_mm(), texel);
+        let pixel = registration.pixel(config, position.xy());
+        let factor = reflectance::irradiance_factor(config, geometry, position);
+        texels.reflectance.extend(reflectance::reflectance(config, values.sample(pixel), factor));
+        let deviation = variances.variance(pixel).map(f32::sqrt);
+        texels.sigma.extend(reflectance::reflectance(config, deviation, factor).map(f16::from_f32));
+    }
+    texels
 }

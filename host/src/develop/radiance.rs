@@ -12,6 +12,10 @@ const SATURATION: f64 = 0.97;
 pub struct DarkSignal {
     bias: Vec<f32>,
     per_second: Vec<f32>,
+    /// How many frames went into the bias and into the long exposures.
+    frames: [usize; 2],
+    /// Difference of the two exposures, s; 0 with one only.
+    span_s: f64,
 }
 
 impl DarkSignal {
@@ -33,18 +37,28 @@ impl DarkSignal {
         let short: Vec<&RawFrame> = frames.iter().filter(|frame| frame.exposure_s <= middle).collect();
         let long: Vec<&RawFrame> = frames.iter().filter(|frame| frame.exposure_s > middle).collect();
         let bias = average(&short, pixels);
+        let span_s = if long.is_empty() { 0.0 } else { longest - shortest };
         let per_second = if long.is_empty() {
             vec![0.0; pixels]
         } else {
-            let span = (longest - shortest) as f32;
-            average(&long, pixels).iter().zip(&bias).map(|(long, short)| (long - short) / span).collect()
+            let rate = |(long, short): (&f32, &f32)| (long - short) / span_s as f32;
+            average(&long, pixels).iter().zip(&bias).map(rate).collect()
         };
-        Ok(Self { bias, per_second })
+        Ok(Self { bias, per_second, frames: [short.len(), long.len()], span_s })
     }
 
     /// The dark signal of pixel `index` after `seconds`.
     fn at(&self, index: usize, seconds: f64) -> f32 {
         self.bias[index] + self.per_second[index] * seconds as f32
+    }
+
+    /// Variance of the sum of what [`Self::at`] gives for `exposures` of together `seconds`, for frames of a variance of `read` each.
+    fn variance(&self, read: f64, exposures: usize, seconds: f64) -> f64 {
+        // The sum is a share of the short frames' mean and one of the long frames'.
+        let long = if self.span_s > 0.0 { seconds / self.span_s } else { 0.0 };
+        let short = exposures as f64 - long;
+        let [short_frames, long_frames] = self.frames.map(|count| count.max(1) as f64);
+        read * (short * short / short_frames + long * long / long_frames)
     }
 }
 
@@ -72,7 +86,12 @@ pub struct MosaicRadiance {
     pub height: usize,
     /// Row by row.
     pub data: Vec<f32>,
+    /// Variance of every value by shot and read noise, those of the dark frames included; empty where that is not known.
+    pub variance: Vec<f32>,
 }
+
+/// Variance of rounding to whole values.
+const QUANTISATION: f64 = 1.0 / 12.0;
 
 /// The channel (0 red, 1 green, 2 blue) of a pixel of an RGGB mosaic.
 pub fn bayer_channel(x: usize, y: usize) -> usize {
@@ -104,20 +123,32 @@ pub fn merge(camera: &Camera, dark: &DarkSignal, bracket: &[BracketedFrame]) -> 
     }
     let limit = (camera.black_level + SATURATION * camera.range()) as u16;
     let response = camera.responsivity.map(|r| 1.0 / r);
-    let data = (0..pixels)
+    let read = (camera.read_noise_e / camera.electrons_per_value).powi(2) + QUANTISATION;
+    let (data, variance) = (0..pixels)
         .map(|k| {
             let (mut sum, mut time) = (0.0f64, 0.0f64);
+            let (mut exposures, mut seconds, mut electrons) = (0, 0.0, 0.0);
             for BracketedFrame { frame, lamp_relative } in bracket {
                 if frame.values[k] < limit {
-                    sum += f64::from(f32::from(frame.values[k]) - dark.at(k, frame.exposure_s));
+                    let value = f32::from(frame.values[k]);
+                    sum += f64::from(value - dark.at(k, frame.exposure_s));
                     time += frame.exposure_s * lamp_relative;
+                    exposures += 1;
+                    seconds += frame.exposure_s;
+                    electrons += f64::from(value - dark.bias[k]) * camera.electrons_per_value;
                 }
             }
-            let channel = bayer_channel(k % camera.width, k / camera.width);
-            if time > 0.0 { (sum / time * response[channel]) as f32 } else { f32::NAN }
+            if exposures == 0 {
+                return (f32::NAN, f32::NAN);
+            }
+            // Electrons of light and dark signal arrive by Poisson's law: their variance is their number.
+            let shot = electrons.max(0.0) / camera.electrons_per_value.powi(2);
+            let noise = shot + exposures as f64 * read + dark.variance(read, exposures, seconds);
+            let scale = response[bayer_channel(k % camera.width, k / camera.width)] / time;
+            ((sum * scale) as f32, (noise * scale * scale) as f32)
         })
-        .collect();
-    Ok(MosaicRadiance { width: camera.width, height: camera.height, data })
+        .unzip();
+    Ok(MosaicRadiance { width: camera.width, height: camera.height, data, variance })
 }
 
 #[cfg(test)]
@@ -167,5 +198,66 @@ mod tests {
         let camera = camera();
         let shots = [BracketedFrame { frame: frame(&camera, 1.0, 0.1), lamp_relative: 0.0 }];
         assert!(merge(&camera, &dark(&camera), &shots).unwrap_err().to_string().contains("lamp"));
+    }
+
+    /// Stated variances against the spread of 400 captures, each with dark frames of its own, that the simulator's sensor makes of one
+    /// scene; resampled values between pixels.
+    #[test]
+    #[cfg(feature = "sim")]
+    fn stated_variances_are_the_spread_of_repeated_captures() {
+        use crate::develop::resample::BayerPlanes;
+        use lobelia_hil_sim::optics::camera::SensorModel;
+        use lobelia_hil_sim::optics::noise::combine;
+
+        const REPEATS: u64 = 400;
+        let camera = Camera { electrons_per_value: 2.0, read_noise_e: 5.0, ..camera() };
+        let sensor = SensorModel {
+            responsivity: camera.responsivity,
+            black_level: camera.black_level,
+            white_level: camera.white_level,
+            electrons_per_value: camera.electrons_per_value,
+            read_noise_e: camera.read_noise_e,
+            dark_e_s: 8.0,
+        };
+        let shoot = |exposure_s: f64, radiance: f64, key: u64| {
+            let value = |k: usize| {
+                let channel = bayer_channel(k % camera.width, k / camera.width);
+                sensor.record(radiance as f32, channel, exposure_s, combine(&[key, k as u64]))
+            };
+            let values = (0..camera.width * camera.height).map(value).collect();
+            RawFrame { width: camera.width, height: camera.height, values, exposure_s }
+        };
+        let places = [glam::DVec2::new(6.3, 7.9), glam::DVec2::new(8.0, 9.5), glam::DVec2::new(9.1, 6.0)];
+        // Read noise rules; both exposures count; the long one is saturated.
+        for radiance in [0.002f64, 0.2, 8.0] {
+            let (mut stated, mut sums, mut squares) = ([0.0; 9], [0.0; 9], [0.0; 9]);
+            for repeat in 0..REPEATS {
+                let key = |frame: u64| combine(&[radiance.to_bits(), repeat, frame]);
+                let darks: Vec<RawFrame> =
+                    (0..4).map(|k| shoot(if k < 2 { 0.001 } else { 2.0 }, 0.0, key(k))).collect();
+                let dark = DarkSignal::from_frames(&camera, &darks).unwrap();
+                let shots = [0.05f64, 1.0].map(|exposure_s| BracketedFrame {
+                    frame: shoot(exposure_s, radiance * 0.9, key(exposure_s.to_bits())),
+                    lamp_relative: 0.9,
+                });
+                let mosaic = merge(&camera, &dark, &shots).unwrap();
+                let (values, variances) = (BayerPlanes::new(&mosaic), BayerPlanes::of_variance(&mosaic));
+                for (place, at) in places.iter().enumerate() {
+                    let (value, variance) = (values.sample(*at), variances.variance(*at));
+                    for channel in 0..3 {
+                        let (k, off) = (3 * place + channel, f64::from(value[channel]) - radiance);
+                        sums[k] += off;
+                        squares[k] += off * off;
+                        stated[k] += f64::from(variance[channel]);
+                    }
+                }
+            }
+            let count = REPEATS as f64;
+            let spread = |k: usize| (squares[k] - sums[k] * sums[k] / count) / (count - 1.0);
+            let ratio = (0..9).map(|k| stated[k] / count / spread(k)).sum::<f64>() / 9.0;
+            // Nine variances of 400 values each, hardly correlated: their mean is known to 2.4 %.
+            println!("radiance {radiance}: stated variance over that of the repeats {ratio:.3}");
+            assert!((ratio - 1.0).abs() < 0.08, "{radiance}: {ratio}");
+        }
     }
 }

@@ -4,7 +4,7 @@ use glam::DVec2;
 
 use super::radiance::MosaicRadiance;
 
-/// The four half-resolution planes of an RGGB mosaic.
+/// The four half-resolution planes of an RGGB mosaic, of its values or of their variances.
 pub struct BayerPlanes {
     columns: usize,
     rows: usize,
@@ -18,9 +18,18 @@ const OFFSETS: [(usize, usize); 4] = [(0, 0), (1, 0), (0, 1), (1, 1)];
 impl BayerPlanes {
     /// Splits a mosaic; an odd last row or column is left out.
     pub fn new(mosaic: &MosaicRadiance) -> Self {
-        let (columns, rows) = (mosaic.width / 2, mosaic.height / 2);
+        Self::split(mosaic.width, mosaic.height, &mosaic.data)
+    }
+
+    /// The planes of the variances, which the mosaic has to know, for [`Self::variance`].
+    pub fn of_variance(mosaic: &MosaicRadiance) -> Self {
+        Self::split(mosaic.width, mosaic.height, &mosaic.variance)
+    }
+
+    fn split(width: usize, height: usize, data: &[f32]) -> Self {
+        let (columns, rows) = (width / 2, height / 2);
         let planes = OFFSETS.map(|(dx, dy)| {
-            let at = |k: usize| mosaic.data[(2 * (k / columns) + dy) * mosaic.width + 2 * (k % columns) + dx];
+            let at = |k: usize| data[(2 * (k / columns) + dy) * width + 2 * (k % columns) + dx];
             (0..columns * rows).map(at).collect()
         });
         Self { columns, rows, planes }
@@ -29,21 +38,32 @@ impl BayerPlanes {
     /// Red, green and blue at a point of the sensor in pixels; NaN when the point is too near the edge or when a
     /// saturated pixel is among its neighbours.
     pub fn sample(&self, pixel: DVec2) -> [f32; 3] {
-        let plane = |k: usize| {
-            let (dx, dy) = OFFSETS[k];
-            self.bicubic(k, (pixel.x - dx as f64) / 2.0, (pixel.y - dy as f64) / 2.0)
-        };
-        [plane(0), 0.5 * (plane(1) + plane(2)), plane(3)]
+        let [red, first, second, blue] = self.resampled(pixel, |weight| weight);
+        [red, 0.5 * (first + second), blue]
     }
 
-    /// Catmull–Rom interpolation of one plane.
-    fn bicubic(&self, plane: usize, x: f64, y: f64) -> f32 {
+    /// The variances of what [`Self::sample`] gives of the values, where these are their variances; pixels are independent.
+    pub fn variance(&self, pixel: DVec2) -> [f32; 3] {
+        let [red, first, second, blue] = self.resampled(pixel, |weight| weight * weight);
+        [red, 0.25 * (first + second), blue]
+    }
+
+    /// Every plane at a point of the sensor.
+    fn resampled(&self, pixel: DVec2, weight: fn(f32) -> f32) -> [f32; 4] {
+        std::array::from_fn(|k| {
+            let (dx, dy) = OFFSETS[k];
+            self.bicubic(k, (pixel.x - dx as f64) / 2.0, (pixel.y - dy as f64) / 2.0, weight)
+        })
+    }
+
+    /// A sum over one plane with a function of Catmull–Rom's weights.
+    fn bicubic(&self, plane: usize, x: f64, y: f64, weight: fn(f32) -> f32) -> f32 {
         let (left, top) = (x.floor(), y.floor());
         let inside = |first: f64, count: usize| first >= 1.0 && first + 2.0 < count as f64;
         if !(inside(left, self.columns) && inside(top, self.rows)) {
             return f32::NAN;
         }
-        let (wx, wy) = (catmull_rom((x - left) as f32), catmull_rom((y - top) as f32));
+        let [wx, wy] = [x - left, y - top].map(|fraction| catmull_rom(fraction as f32).map(weight));
         let (left, top) = (left as usize - 1, top as usize - 1);
         let data = &self.planes[plane];
         (0..4)
@@ -75,7 +95,7 @@ mod tests {
         let (width, height) = (40, 30);
         let data =
             (0..width * height).map(|k| value((k % width) as f64, (k / width) as f64) as f32).collect();
-        MosaicRadiance { width, height, data }
+        MosaicRadiance { width, height, data, variance: Vec::new() }
     }
 
     #[test]

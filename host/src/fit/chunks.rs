@@ -10,6 +10,7 @@ use std::path::Path;
 
 use rayon::prelude::*;
 
+use super::weights::Weights;
 use super::{FitOptions, fit_window, has_samples, mip};
 use crate::acquire::sha256;
 use crate::error::{Error, Result};
@@ -74,7 +75,7 @@ pub fn fit_level(store: &SampledStore, options: &FitOptions, level: u32) -> Resu
     options.check()?;
     let size = mip::size([store.width, store.height], level);
     let blocks = Window::blocks(size, store.block_size());
-    let read = |window: &Window| mip::read(store, level, window);
+    let read = |window: &Window| mip::read(store, level, window, options.weights == Weights::Sigma);
     let row = fit_blocks(options, &blocks, read, |_| String::new())?.0;
     let mut map = laid_out(size, &blocks, &[&row]);
     has_samples(&map)?;
@@ -91,7 +92,8 @@ pub fn fit_level(store: &SampledStore, options: &FitOptions, level: u32) -> Resu
 pub fn fit_part(store: &SampledStore, options: &FitOptions, part: Part) -> Result<SbrdfMap> {
     options.check()?;
     let blocks = blocks_of(store, part)?;
-    let (mut shard, samples) = fit_blocks(options, &blocks, |window| store.read(window), hash)?;
+    let read = |window: &Window| store.read(window, options.weights == Weights::Sigma);
+    let (mut shard, samples) = fit_blocks(options, &blocks, read, hash)?;
     let [columns, rows] = store.block_size();
     for (key, value) in [
         (PART, part.to_string()),
@@ -244,15 +246,22 @@ fn fits_samples(shard: &SbrdfMap, store: &SampledStore, part: Part) -> Result<bo
     if shard.attributes[GEOMETRY] != store.geometry_sha256() {
         return Ok(false);
     }
+    let sigma = shard.attributes.get("fit.weights").is_some_and(|weights| weights == Weights::Sigma.name());
     let mut hashes = String::new();
     for window in blocks_of(store, part)? {
-        hashes += &hash(&store.read(&window)?.reflectance);
+        hashes += &hash(&store.read(&window, sigma)?);
     }
     Ok(shard.attributes[SAMPLES] == sha256(hashes.as_bytes()))
 }
 
-fn hash(reflectance: &[f32]) -> String {
-    sha256(bytemuck::cast_slice(reflectance))
+/// Hash of all values that were read.
+fn hash(sampled: &SampledSbrdf) -> String {
+    let mut hash = sha256(bytemuck::cast_slice(&sampled.reflectance));
+    if let Some(sigma) = &sampled.sigma {
+        let bytes: Vec<u8> = sigma.iter().flat_map(|value| value.to_le_bytes()).collect();
+        hash += &sha256(&bytes);
+    }
+    hash
 }
 
 /// Fits blocks, a few at a time, into a map of one row; and the hash of their samples, each block's by `hash`.
@@ -260,7 +269,7 @@ fn fit_blocks(
     options: &FitOptions,
     blocks: &[Window],
     read: impl Fn(&Window) -> Result<SampledSbrdf> + Sync,
-    hash: impl Fn(&[f32]) -> String + Sync,
+    hash: impl Fn(&SampledSbrdf) -> String + Sync,
 ) -> Result<(SbrdfMap, String)> {
     let texels: usize = blocks.iter().map(Window::texels).sum();
     let bar = progress::bar("fitting", texels as u64, "texels");
@@ -270,7 +279,7 @@ fn fit_blocks(
         let fits: Vec<Result<(SbrdfMap, String)>> = (group.par_iter())
             .map(|window| {
                 let sampled = read(window)?;
-                Ok((fit_window(&sampled, options, || bar.advance(1))?, hash(&sampled.reflectance)))
+                Ok((fit_window(&sampled, options, || bar.advance(1))?, hash(&sampled)))
             })
             .collect();
         for fit in fits {
@@ -367,6 +376,7 @@ mod tests {
         separate_channels: false,
         diffuse: crate::fit::Diffuse::Joint,
         residual: crate::fit::Residual::Proportional,
+        weights: Weights::Pose,
         robust: false,
         device: crate::fit::Device::Cpu,
         conserve_energy: false,
@@ -404,7 +414,7 @@ mod tests {
         let map = fit_level(&store, &OPTIONS_OF_CASE, 2).unwrap();
         assert_eq!((map.width, map.height, map.attributes["mip.level"].as_str()), (10, 5, "2"));
         let (fine, poses) = (sampled(), 24);
-        let coarse = mip::read(&store, 2, &Window { x: 0..10, y: 0..5 }).unwrap();
+        let coarse = mip::read(&store, 2, &Window { x: 0..10, y: 0..5 }, false).unwrap();
         // The texels of (3, 1) are rows 4 to 7 and columns 12 to 15.
         for pose in 0..poses {
             let texels = (4..8).flat_map(|y| (12..16).map(move |x| y * 40 + x));

@@ -44,6 +44,45 @@ pub fn substitute(a: &[f64], b: &mut [f64]) {
     }
 }
 
+/// Eigenvectors of a symmetric matrix of `size` rows, as columns of `vectors`, by Jacobi's rotations; `a` keeps the eigenvalues on its diagonal.
+pub fn eigen(a: &mut [f64], vectors: &mut [f64], size: usize) {
+    for (k, entry) in vectors.iter_mut().enumerate() {
+        *entry = f64::from(u8::from(k % (size + 1) == 0));
+    }
+    for _ in 0..50 {
+        let square = |k: usize| a[k] * a[k];
+        let beside: f64 = (0..size * size).filter(|k| k % (size + 1) != 0).map(square).sum();
+        let whole: f64 = (0..size * size).map(square).sum();
+        if beside <= 1e-28 * whole {
+            return;
+        }
+        for (p, q) in (0..size).flat_map(|q| (0..q).map(move |p| (p, q))) {
+            let off = a[p * size + q];
+            if off == 0.0 {
+                continue;
+            }
+            let theta = (a[q * size + q] - a[p * size + p]) / (2.0 * off);
+            let tan = theta.signum() / (theta.abs() + theta.hypot(1.0));
+            let cos = 1.0 / tan.hypot(1.0);
+            let sin = tan * cos;
+            let turn = |x: &mut f64, y: &mut f64| (*x, *y) = (cos * *x - sin * *y, sin * *x + cos * *y);
+            for k in 0..size {
+                let (mut x, mut y) = (a[k * size + p], a[k * size + q]);
+                turn(&mut x, &mut y);
+                (a[k * size + p], a[k * size + q]) = (x, y);
+            }
+            for k in 0..size {
+                let (mut x, mut y) = (a[p * size + k], a[q * size + k]);
+                turn(&mut x, &mut y);
+                (a[p * size + k], a[q * size + k]) = (x, y);
+                let (mut x, mut y) = (vectors[k * size + p], vectors[k * size + q]);
+                turn(&mut x, &mut y);
+                (vectors[k * size + p], vectors[k * size + q]) = (x, y);
+            }
+        }
+    }
+}
+
 /// Most unknowns of [`nnls`].
 pub const MOST_UNKNOWNS: usize = 6;
 
@@ -105,6 +144,26 @@ mod tests {
     }
 
     proptest! {
+        #[test]
+        fn eigenvectors_are_orthogonal_and_turn_the_matrix_into_its_eigenvalues(
+            entries in prop::collection::vec(-1f64..1.0, 15),
+        ) {
+            const SIZE: usize = 5;
+            let entry = |i: usize, j: usize| entries[i.max(j) * (i.max(j) + 1) / 2 + i.min(j)];
+            let (mut a, mut v) = ([0.0; SIZE * SIZE], [0.0; SIZE * SIZE]);
+            (0..SIZE * SIZE).for_each(|k| a[k] = entry(k / SIZE, k % SIZE));
+            eigen(&mut a, &mut v, SIZE);
+            for i in 0..SIZE {
+                for j in 0..SIZE {
+                    let along = |row: &dyn Fn(usize) -> f64| (0..SIZE).map(|k| row(k) * v[k * SIZE + j]).sum::<f64>();
+                    let product = along(&|k| entry(i, k));
+                    prop_assert!((product - a[j * (SIZE + 1)] * v[i * SIZE + j]).abs() < 1e-9);
+                    let dot = along(&|k| v[k * SIZE + i]);
+                    prop_assert!((dot - f64::from(u8::from(i == j))).abs() < 1e-9);
+                }
+            }
+        }
+
         #[test]
         fn non_negative_least_squares_meets_the_optimality_conditions(
             rows in prop::collection::vec(prop::array::uniform4(-1f64..1.0), 8),

@@ -134,6 +134,48 @@ impl Optimiser {
         if cost.is_finite() { cost } else { f64::INFINITY }
     }
 
+    /// JᵀJ, row by row, and the cost at a model.
+    pub(super) fn information(
+        &mut self,
+        samples: &Samples,
+        target: &Target,
+        freedom: Freedom,
+        model: &Model,
+    ) -> (Vec<f64>, f64) {
+        let cost = self.evaluate(samples, target, model);
+        self.normal_equations(samples, target, model, freedom);
+        (self.normal.clone(), cost)
+    }
+
+    /// Which unknowns are at a bound, whatever the gradient.
+    pub(super) fn at_bound(&mut self, model: &Model, freedom: Freedom, most: f64) -> Vec<bool> {
+        let mut held = vec![false; Layout::new(freedom, model).size];
+        for sign in [1.0, -1.0] {
+            self.gradient.clear();
+            self.gradient.resize(held.len(), sign);
+            self.freeze(model, freedom, most);
+            held.iter_mut().zip(&self.fixed).for_each(|(held, &fixed)| *held |= fixed);
+        }
+        held
+    }
+
+    /// The model with one unknown moved, its lobes referred to the cone of the samples.
+    pub(super) fn moved(
+        &mut self,
+        samples: &Samples,
+        freedom: Freedom,
+        model: &Model,
+        unknown: usize,
+        by: f64,
+    ) -> Model {
+        self.step.clear();
+        self.step.resize(Layout::new(freedom, model).size, 0.0);
+        self.step[unknown] = by;
+        self.stepped(model, freedom, f64::INFINITY);
+        Self::refer(&mut self.trial, samples, f64::INFINITY);
+        self.trial.clone()
+    }
+
     /// JᵀJ and Jᵀr at the model that was evaluated last.
     fn normal_equations(&mut self, samples: &Samples, target: &Target, model: &Model, freedom: Freedom) {
         let layout = Layout::new(freedom, model);

@@ -28,6 +28,7 @@ pub(crate) mod testing;
 #[cfg(test)]
 mod tests;
 pub mod texel;
+pub mod weights;
 
 use rayon::prelude::*;
 
@@ -35,8 +36,10 @@ use crate::error::{Error, Result};
 use crate::progress;
 use crate::reflectance::SbrdfMap;
 use crate::sampled::SampledSbrdf;
+use separable::mirror::Mirror;
 use separable::uncertainty::Sigma;
 use texel::{TexelFit, Workspace};
+use weights::Weights;
 
 /// Most lobes of a fit.
 pub const MOST_LOBES: usize = 4;
@@ -205,6 +208,8 @@ pub struct FitOptions {
     pub diffuse: Diffuse,
     /// Scale of comparison.
     pub residual: Residual,
+    /// What a sample's squared residual weighs beside what the residual says.
+    pub weights: Weights,
     /// Whether samples that lie far off weigh less, see [`separable::robust`]; the separable method alone.
     pub robust: bool,
     /// What fits.
@@ -223,6 +228,7 @@ impl Default for FitOptions {
             separate_channels: false,
             diffuse: Diffuse::Joint,
             residual: Residual::Proportional,
+            weights: Weights::Pose,
             robust: false,
             device: Device::Cpu,
             conserve_energy: false,
@@ -247,6 +253,12 @@ impl FitOptions {
             return Err(Error::input(format!(
                 "the line search fits one lobe, not {}; use --method lm for more",
                 self.lobes
+            )));
+        }
+        if self.weights == Weights::Sigma && self.residual != Residual::Linear {
+            return Err(Error::input(format!(
+                "weights by standard deviation are for the linear residual, not {}, which has weights of its own",
+                self.residual.name()
             )));
         }
         if self.method == Method::Separable && !self.residual.is_linear() {
@@ -291,7 +303,7 @@ impl FitOptions {
 }
 
 /// Fits every texel in parallel. Beside the coefficients the map has the planes `error.rms` (sr⁻¹), `error.relative` and
-/// `samples` (valid ones a texel), and after the separable fit a standard deviation a coefficient, `sigma.rho_d.R` and so on. Where energy is to be conserved, `energy_held` marks the texels
+/// `samples` (valid ones a texel), where any does not tell all of its shapes' coefficients `tied` ([`separable::prior`]: how many were not), where lobes are chosen and a mirror was met `mirror.R`, `.G`, `.B` and `mirror.poses` ([`separable::mirror`]), and after the separable fit a standard deviation a coefficient, `sigma.rho_d.R` and so on. Where energy is to be conserved, `energy_held` marks the texels
 /// that were changed for it (their standard deviations are 0: unknown) and `error.energy_price` says by how much `error.relative` rose. The result is the same byte for byte whatever the number of threads.
 ///
 /// # Errors
@@ -314,6 +326,11 @@ fn has_samples(map: &SbrdfMap) -> Result<()> {
 
 /// As [`fit_sbrdf`] with options that are checked, for a window that may be without any sample; `done` is called a texel.
 fn fit_window(sampled: &SampledSbrdf, options: &FitOptions, done: impl Fn() + Sync) -> Result<SbrdfMap> {
+    if options.weights == Weights::Sigma && sampled.sigma.is_none() {
+        let message =
+            "the sampled SBRDF has no standard deviations to weigh by (array sigma); use --weights pose";
+        return Err(Error::input(message));
+    }
     let mut fits = match options.method {
         Method::Separable if options.device == Device::Gpu => gpu::fit(sampled, options, &done)?,
         Method::Separable => fit_blocks(sampled, options, &done),
@@ -322,7 +339,8 @@ fn fit_window(sampled: &SampledSbrdf, options: &FitOptions, done: impl Fn() + Sy
     let free: Vec<f64> = fits.iter().map(|fit| fit.relative).collect();
     if options.conserve_energy {
         fits.par_iter_mut().enumerate().for_each_init(samples::Samples::default, |samples, (index, fit)| {
-            load(samples, sampled, index);
+            let left_out = fit.mirror.as_ref().map_or(&[][..], |mirror| &mirror.poses);
+            load(samples, sampled, index, options, left_out);
             texel::hold(fit, samples, options);
         });
     }
@@ -342,7 +360,7 @@ fn fit_texels(sampled: &SampledSbrdf, options: &FitOptions, done: &(impl Fn() + 
         .into_par_iter()
         .with_min_len(16)
         .map_init(Workspace::default, |workspace, index| {
-            load(&mut workspace.samples, sampled, index);
+            load(&mut workspace.samples, sampled, index, options, &[]);
             let fit = texel::fit(workspace, options);
             done();
             fit
@@ -364,7 +382,7 @@ fn fit_blocks(sampled: &SampledSbrdf, options: &FitOptions, done: &(impl Fn() + 
             let texels = block_texels(width, height, columns, block);
             workspace.settle(&poses, sampled, texels.clone().nth(texels.clone().count() / 2).unwrap_or(0));
             let fits = texels.map(|index| {
-                workspace.load(&poses, sampled, index);
+                workspace.load(&poses, sampled, index, options);
                 let fit = workspace.fit_next(options, index % width % BLOCK);
                 done();
                 fit
@@ -393,13 +411,22 @@ fn block_texels(
     (top..bottom).flat_map(move |y| (left..right).map(move |x| y * width + x))
 }
 
-/// The samples of texel `index`.
-fn load(samples: &mut samples::Samples, sampled: &SampledSbrdf, index: usize) {
+/// The samples of texel `index` but for some poses.
+fn load(
+    samples: &mut samples::Samples,
+    sampled: &SampledSbrdf,
+    index: usize,
+    options: &FitOptions,
+    left_out: &[usize],
+) {
     samples.clear();
+    let sigmas = sampled.sigmas(index).filter(|_| options.weights == Weights::Sigma);
     for (pose, rgb) in sampled.samples(index).enumerate() {
-        if rgb.is_finite() {
+        if rgb.is_finite() && !left_out.contains(&pose) {
             let (wi, wo) = sampled.directions(index, pose);
-            samples.push_rgb(wi, wo, rgb, sampled.poses[pose].weight);
+            let weight = sampled.poses[pose].weight;
+            let weight = sigmas.map_or(weight, |sigmas| weights::by_sigma(weight, &sigmas[3 * pose..]));
+            samples.push_rgb(wi, wo, rgb, weight);
         }
     }
 }
@@ -427,6 +454,18 @@ fn add_sigmas(map: &mut SbrdfMap, fits: &[TexelFit]) {
     }
 }
 
+/// The planes `mirror.*`.
+fn add_mirrors(map: &mut SbrdfMap, fits: &[TexelFit]) {
+    let mut plane = |name: &str, value: &dyn Fn(&Mirror) -> f32| {
+        let of = |fit: &TexelFit| fit.mirror.as_ref().map_or(0.0, value);
+        map.extra.insert(format!("mirror.{name}"), fits.iter().map(of).collect());
+    };
+    for (channel, letter) in ["R", "G", "B"].into_iter().enumerate() {
+        plane(letter, &|mirror| mirror.value[channel] as f32);
+    }
+    plane("poses", &|mirror| mirror.poses.len() as f32);
+}
+
 /// The map of the fits, with planes of errors and provenance.
 fn map_of(sampled: &SampledSbrdf, options: &FitOptions, fits: &[TexelFit]) -> SbrdfMap {
     let planes = if options.choose {
@@ -450,6 +489,12 @@ fn map_of(sampled: &SampledSbrdf, options: &FitOptions, fits: &[TexelFit]) -> Sb
             f32::from(u8::from(fit.brdf.lobes.iter().any(|lobe| lobe.c.x != lobe.c.y)))
         });
     }
+    if fits.iter().any(|fit| fit.tied > 0) {
+        map.extra.insert("tied".into(), fits.iter().map(|fit| fit.tied as f32).collect());
+    }
+    if fits.iter().any(|fit| fit.mirror.is_some()) {
+        add_mirrors(&mut map, fits);
+    }
     if options.method == Method::Separable {
         add_sigmas(&mut map, fits);
     }
@@ -467,6 +512,7 @@ fn map_of(sampled: &SampledSbrdf, options: &FitOptions, fits: &[TexelFit]) -> Sb
         ("fit.residual", options.residual.name().to_string()),
         ("fit.diffuse", diffuse),
         ("fit.isotropic", options.isotropic.to_string()),
+        ("fit.weights", options.weights.name().to_string()),
         ("fit.robust", options.robust.to_string()),
         ("fit.conserve_energy", options.conserve_energy.to_string()),
         ("texel_mm", sampled.texel_mm.to_string()),

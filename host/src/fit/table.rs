@@ -3,6 +3,7 @@
 //! Tables of paint are isotropic: Cx = Cy and β = 0. Beside lobes a microfacet term can be fitted, and the data can choose (module `choice`).
 
 mod choice;
+pub mod uncertainty;
 
 use rayon::prelude::*;
 
@@ -79,6 +80,8 @@ pub struct WavelengthFit {
     pub model: Model,
     /// Cost and convergence.
     pub outcome: Outcome,
+    /// Standard deviations of the coefficients; none where the model is no optimum: found by the line search or changed for the sake of energy.
+    pub deviations: Option<uncertainty::Deviations>,
     /// Over the rows that the fit saw.
     pub training: Errors,
     /// The same before the fit was changed for the sake of energy, where it was.
@@ -241,10 +244,12 @@ fn one(
     } else {
         Vec::new()
     };
+    let fitted = free.is_none() && options.method != Method::LineSearch;
     WavelengthFit {
         wavelength_nm,
         size,
         chosen: false,
+        deviations: fitted.then(|| uncertainty::deviations(&training, &target, &model)),
         left_out,
         free,
         training: errors(&training, &model),

@@ -3,6 +3,7 @@
 use super::lm::{Freedom, Optimiser};
 use super::model::Model;
 use super::samples::{Samples, Target};
+use super::separable::mirror::Mirror;
 use super::separable::uncertainty::Sigma;
 use super::start::{Effort, Problem, Search};
 use super::{Diffuse, FitOptions, Method, albedo, conserve, diffuse, evaluate, line_search};
@@ -31,6 +32,10 @@ pub struct TexelFit {
     pub samples: usize,
     /// Standard deviations of the coefficients; the separable fit alone gives them.
     pub sigma: Option<Sigma>,
+    /// The mirror term, where the number of lobes was a choice and one was found.
+    pub mirror: Option<Mirror>,
+    /// Combinations of the shapes' coefficients that the samples do not tell and a prior decided; the separable fit alone has one.
+    pub tied: usize,
     /// Whether the fit was changed so that it makes no energy.
     pub held: bool,
 }
@@ -76,7 +81,7 @@ pub fn fit(workspace: &mut Workspace, options: &FitOptions) -> TexelFit {
     }
     let rms = (error / (3 * count).max(1) as f64).sqrt();
     let relative = if whole > 0.0 { (error / whole).sqrt() } else { 0.0 };
-    TexelFit { brdf, rms, relative, samples: count, sigma: None, held: false }
+    TexelFit { brdf, rms, relative, samples: count, sigma: None, mirror: None, tied: 0, held: false }
 }
 
 /// Fits a texel with a directional albedo above 1 again so that it has none, and measures its error again.

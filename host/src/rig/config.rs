@@ -266,6 +266,10 @@ pub struct Camera {
     pub white_level: f64,
     /// Value above black a unit of radiance and second, for R, G and B.
     pub responsivity: [f64; 3],
+    /// Electrons a pixel value: with the read noise it gives the standard deviations of the samples.
+    pub electrons_per_value: f64,
+    /// Read noise, electrons RMS.
+    pub read_noise_e: f64,
     /// Shortest exposure.
     pub min_exposure_s: f64,
     /// Longest exposure.
@@ -285,6 +289,8 @@ impl Default for Camera {
             black_level: 512.0,
             white_level: 16383.0,
             responsivity: [4.2e6, 5.2e6, 3.8e6],
+            electrons_per_value: 2.5,
+            read_noise_e: 6.0,
             min_exposure_s: 1.0 / 8000.0,
             max_exposure_s: 2.0,
             f_number: 16.0,

@@ -6,8 +6,9 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use glam::{DVec2, DVec3};
+use half::f16;
 use rayon::prelude::*;
-use zarrs::array::{Array, ArrayBuilder, CodecOptions, DataType, FillValue, data_type};
+use zarrs::array::{Array, ArrayBuilder, CodecOptions, DataType, Element, FillValue, data_type};
 use zarrs::filesystem::FilesystemStore;
 use zarrs::group::{Group, GroupBuilder};
 
@@ -74,7 +75,7 @@ impl SampledSbrdf {
     /// As [`SampledStore::open`].
     pub fn read_zarr(path: &Path) -> Result<Self> {
         let store = SampledStore::open(path)?;
-        store.read(&Window { x: 0..store.width, y: 0..store.height })
+        store.read(&Window { x: 0..store.width, y: 0..store.height }, true)
     }
 }
 
@@ -108,6 +109,7 @@ impl Window {
 pub struct SampledStore {
     path: PathBuf,
     array: Array<FilesystemStore>,
+    sigma: Option<Array<FilesystemStore>>,
     /// Texels a row.
     pub width: usize,
     /// Rows.
@@ -159,20 +161,30 @@ impl SampledStore {
         ys.iter().flat_map(|y| xs.iter().map(|x| Window { x: x.clone(), y: y.clone() })).collect()
     }
 
-    /// Reads a window.
+    /// Whether the standard deviations of the samples are there.
+    pub fn has_sigma(&self) -> bool {
+        self.sigma.is_some()
+    }
+
+    /// Reads a window; its standard deviations, which make up a third of a store, only where asked for and there.
     ///
     /// # Errors
     /// When a chunk cannot be read or is no longer there.
-    pub fn read(&self, window: &Window) -> Result<SampledSbrdf> {
+    pub fn read(&self, window: &Window, sigma: bool) -> Result<SampledSbrdf> {
         let [columns, rows] = self.block_size();
         let chunks =
             |range: &Range<usize>, edge: usize| (range.start / edge) as u64..range.end.div_ceil(edge) as u64;
-        chunks_are_there(&self.path, &self.array, chunks(&window.y, rows), chunks(&window.x, columns))
-            .map_err(|message| Error::input(format!("{}: {message}", self.path.display())))?;
+        let sigma = self.sigma.as_ref().filter(|_| sigma);
+        for array in std::iter::once(&self.array).chain(sigma) {
+            chunks_are_there(&self.path, array, chunks(&window.y, rows), chunks(&window.x, columns))
+                .map_err(|message| Error::input(format!("{}: {message}", self.path.display())))?;
+        }
         let range = |range: &Range<usize>| range.start as u64..range.end as u64;
         let subset = [range(&window.y), range(&window.x), 0..self.poses.len() as u64, 0..3];
-        let reflectance: Vec<f32> =
-            self.array.retrieve_array_subset(&subset).map_err(|error| Error::reading(&self.path, error))?;
+        let reading = |error| Error::reading(&self.path, error);
+        let reflectance: Vec<f32> = self.array.retrieve_array_subset(&subset).map_err(reading)?;
+        let sigma = sigma.map(|array| array.retrieve_array_subset(&subset)).transpose();
+        let sigma: Option<Vec<f16>> = sigma.map_err(reading)?;
         let middle =
             |range: &Range<usize>, whole: usize| (range.start + range.end) as f64 / 2.0 - whole as f64 / 2.0;
         Ok(SampledSbrdf {
@@ -182,6 +194,7 @@ impl SampledStore {
             offset_texels: DVec2::new(middle(&window.x, self.width), -middle(&window.y, self.height)),
             poses: self.poses.clone(),
             reflectance,
+            sigma,
         })
     }
 
@@ -233,12 +246,30 @@ fn write_store(sampled: &SampledSbrdf, path: &Path) -> std::result::Result<(), B
     let weights: Vec<f64> = sampled.poses.iter().map(|pose| pose.weight).collect();
     write_small(&store, "weight", &[poses], &["pose"], &weights)?;
 
+    let nan = FillValue::from(f32::NAN);
+    write_samples(&store, "/reflectance", sampled, &sampled.reflectance, data_type::float32(), nan)?;
+    if let Some(sigma) = &sampled.sigma {
+        let nan = FillValue::from(f16::NAN);
+        write_samples(&store, "/sigma", sampled, sigma, data_type::float16(), nan)?;
+    }
+    Ok(())
+}
+
+/// Writes an array [y, x, pose, rgb].
+fn write_samples<T: Element + Copy + Sync>(
+    store: &Arc<FilesystemStore>,
+    name: &str,
+    sampled: &SampledSbrdf,
+    values: &[T],
+    of: DataType,
+    fill: FillValue,
+) -> std::result::Result<(), Box<dyn std::error::Error>> {
+    let poses = sampled.poses.len();
     let shape = [sampled.height, sampled.width, poses, 3].map(|n| n as u64);
     let chunk = [BLOCK, BLOCK, poses.max(1), 3].map(|n| n as u64);
-    let nan = FillValue::from(f32::NAN);
-    let array = ArrayBuilder::new(shape.to_vec(), chunk.to_vec(), data_type::float32(), nan)
+    let array = ArrayBuilder::new(shape.to_vec(), chunk.to_vec(), of, fill)
         .dimension_names(["y", "x", "pose", "rgb"].into())
-        .build(store, "/reflectance")?;
+        .build(store.clone(), name)?;
     array.store_metadata()?;
     // A block of texels without any sample is written as well: a chunk that is not there counts as lost.
     let options = CodecOptions::default().with_store_empty_chunks(true);
@@ -247,10 +278,10 @@ fn write_store(sampled: &SampledSbrdf, path: &Path) -> std::result::Result<(), B
         (0..sampled.width).step_by(BLOCK).try_for_each(|column| {
             let (bottom, right) = ((row + BLOCK).min(sampled.height), (column + BLOCK).min(sampled.width));
             let span = poses * 3;
-            let mut block: Vec<f32> = Vec::with_capacity((bottom - row) * (right - column) * span);
+            let mut block: Vec<T> = Vec::with_capacity((bottom - row) * (right - column) * span);
             for y in row..bottom {
                 let line = y * sampled.width;
-                block.extend_from_slice(&sampled.reflectance[(line + column) * span..(line + right) * span]);
+                block.extend_from_slice(&values[(line + column) * span..(line + right) * span]);
             }
             let subset = [row as u64..bottom as u64, column as u64..right as u64, 0..poses as u64, 0..3];
             array.store_array_subset_opt(&subset, block.as_slice(), &options)
@@ -297,8 +328,21 @@ fn open_store(path: &Path) -> std::result::Result<SampledStore, StoreError> {
         )));
     };
     require_type(&array, "reflectance", &data_type::float32())?;
+    let sigma = match path.join("sigma").exists() {
+        true => Some(Array::open(store.clone(), "/sigma")?),
+        false => None,
+    };
+    if let Some(sigma) = &sigma {
+        require_type(sigma, "sigma", &data_type::float16())?;
+        let alike = sigma.shape() == array.shape() && sigma.chunk_grid_shape() == array.chunk_grid_shape();
+        if !alike {
+            return Err(StoreError::Layout("sigma has not the shape and the chunks of reflectance".into()));
+        }
+    }
     let grid = array.chunk_grid_shape();
-    chunks_are_there(path, &array, 0..grid[0], 0..grid[1]).map_err(StoreError::Layout)?;
+    for array in std::iter::once(&array).chain(&sigma) {
+        chunks_are_there(path, array, 0..grid[0], 0..grid[1]).map_err(StoreError::Layout)?;
+    }
     let light = read_small(&store, "light_position_mm", &[poses, 3])?;
     let camera = read_small(&store, "camera_position_mm", &[poses, 3])?;
     let weight = read_small(&store, "weight", &[poses])?;
@@ -309,7 +353,7 @@ fn open_store(path: &Path) -> std::result::Result<SampledStore, StoreError> {
             weight: weight[pose],
         })
         .collect();
-    Ok(SampledStore { path: path.to_path_buf(), array, width, height, texel_mm, poses })
+    Ok(SampledStore { path: path.to_path_buf(), array, sigma, width, height, texel_mm, poses })
 }
 
 /// Zarr reads a chunk that is not there as its fill value; here that would be a block of texels lost without a word. Checks the
@@ -391,6 +435,23 @@ mod tests {
     }
 
     #[test]
+    fn standard_deviations_are_kept_in_half_precision_and_a_lost_block_of_them_is_missed() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("sampled.zarr");
+        let mut sampled = example();
+        let deviations = sampled.reflectance.iter().map(|value| f16::from_f32(0.01 + 0.1 * value));
+        sampled.sigma = Some(deviations.collect());
+        sampled.write_zarr(&path).unwrap();
+        assert_eq!(SampledSbrdf::read_zarr(&path).unwrap(), sampled);
+        let store = SampledStore::open(&path).unwrap();
+        let block = store.read(&Window { x: 16..19, y: 16..32 }, true).unwrap();
+        assert!(block.sigmas(0).unwrap() == sampled.sigmas(16 * 19 + 16).unwrap());
+        fs::remove_file(path.join("sigma/c/1/0/0/0")).unwrap();
+        let lost = SampledSbrdf::read_zarr(&path).unwrap_err().to_string();
+        assert!(lost.contains("sigma/c/1/0/0/0 is missing"), "{lost}");
+    }
+
+    #[test]
     fn the_blocks_of_a_store_make_up_the_whole_with_the_same_directions() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("sampled.zarr");
@@ -400,7 +461,7 @@ mod tests {
         let blocks = store.blocks();
         assert_eq!((blocks.len(), blocks.iter().map(Window::texels).sum::<usize>()), (6, 19 * 33));
         for window in blocks {
-            let block = store.read(&window).unwrap();
+            let block = store.read(&window, true).unwrap();
             for (k, (y, x)) in window.y.flat_map(|y| window.x.clone().map(move |x| (y, x))).enumerate() {
                 let index = y * whole.width + x;
                 assert!(block.samples(k).eq(whole.samples(index)));
@@ -437,8 +498,8 @@ mod tests {
         example().write_zarr(&path).unwrap();
         let store = SampledStore::open(&path).unwrap();
         fs::remove_file(path.join("reflectance/c/1/0/0/0")).unwrap();
-        assert!(store.read(&Window { x: 0..16, y: 0..16 }).is_ok());
-        let lost = store.read(&Window { x: 0..16, y: 8..24 }).unwrap_err().to_string();
+        assert!(store.read(&Window { x: 0..16, y: 0..16 }, true).is_ok());
+        let lost = store.read(&Window { x: 0..16, y: 8..24 }, true).unwrap_err().to_string();
         assert!(lost.contains("reflectance/c/1/0/0/0 is missing"), "{lost}");
         let text = SampledSbrdf::read_zarr(&path).unwrap_err().to_string();
         assert!(text.contains("reflectance/c/1/0/0/0"), "{text}");

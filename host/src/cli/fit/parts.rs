@@ -45,7 +45,11 @@ pub(super) fn merge(args: &FitArgs) -> Result<FitOutcome> {
     let map = chunks::merge(&args.merge, store.as_ref())?;
     let levels = match (&store, args.mip) {
         (_, false) => None,
-        (Some(store), true) => Some((store, sampled_options(args)?)),
+        (Some(store), true) => {
+            let mut options = sampled_options(args)?;
+            args.weigh(&mut options, store);
+            Some((store, options))
+        }
         (None, true) => {
             let message = "--mip fits levels to samples: name the sampled SBRDF (.zarr) before --merge";
             return Err(Error::input(message));

@@ -4,11 +4,14 @@ use std::fmt::Write as _;
 use std::path::Path;
 use std::time::Instant;
 
-use super::{AUTO_LOBES, DeviceName, FitArgs, FitOutcome, Lobes, MethodName, ModelName, print, write_map};
+use super::{
+    AUTO_LOBES, DeviceName, FitArgs, FitOutcome, Lobes, MethodName, ModelName, WeightsName, print, write_map,
+};
 use crate::error::{Error, Result};
 use crate::fit::table::{self, Size, TableOptions, Take, WavelengthFit};
 use crate::fit::{Method, Residual};
 use crate::reflectance::{MeasuredTable, Rgb, SbrdfMap};
+use serde_json::json;
 
 /// Wavelengths that stand for blue, green and red, nm.
 const WAVELENGTHS_NM: [f64; 3] = [450.0, 550.0, 650.0];
@@ -19,6 +22,11 @@ const MOST_BESIDE: usize = 3;
 pub(super) fn fit(args: &FitArgs, input: &Path, seed: u64) -> Result<FitOutcome> {
     if args.chunks.is_some() || args.mip {
         return Err(Error::input("--chunks and --mip are for sampled SBRDFs (.zarr)"));
+    }
+    if args.weights == WeightsName::Sigma {
+        return Err(Error::input(
+            "--weights sigma is for sampled SBRDFs (.zarr); tables have no noise of their own",
+        ));
     }
     if args.device == DeviceName::Gpu {
         return Err(Error::input("--device gpu is for sampled SBRDFs (.zarr); tables are fitted on the CPU"));
@@ -68,6 +76,7 @@ pub(super) fn fit(args: &FitArgs, input: &Path, seed: u64) -> Result<FitOutcome>
     }
     let mut outcome = FitOutcome { errors: table::figures(&fits, &options), ..FitOutcome::default() };
     outcome.figures.insert("rows".into(), measured.rows.len().into());
+    outcome.figures.insert("coefficients".into(), coefficients(&fits));
     outcome.figures.insert("fits".into(), fits.len().into());
     outcome.figures.insert("fit_seconds".into(), seconds.into());
     Ok(outcome)
@@ -127,18 +136,33 @@ fn write_description(
     }
     writeln!(
         text,
-        "\n* taken\n\n{:>8} {:>10}  lobes: rho_s (Cx = Cy, Cz) n; ggx: f0 f90 alpha",
+        "\n* taken\n\n{:>8} {:>10}  lobes: rho_s (Cx = Cy, Cz) n; ggx: f0 f90 alpha; ± standard deviation",
         "nm", "rho_d"
     )?;
     for fit in fits.iter().filter(|fit| fit.chosen) {
-        write!(text, "{:>8} {:>10.5}", fit.wavelength_nm, fit.model.diffuse)?;
-        for lobe in fit.model.lobes.iter().filter(|lobe| lobe.amplitude > 0.0) {
+        let (model, of) = (&fit.model, fit.deviations.as_ref());
+        write!(
+            text,
+            "{:>8} {:>10.5}{}",
+            fit.wavelength_nm,
+            model.diffuse,
+            give_or_take(of.map(|of| of.rho_d), 5)
+        )?;
+        for (index, lobe) in model.lobes.iter().enumerate().filter(|(_, lobe)| lobe.amplitude > 0.0) {
             let c = lobe.c / lobe.reference;
             let retro = if c.x > 0.0 && c.z > 0.0 { " retro" } else { "" };
-            write!(text, "  {:.4} ({:.4}, {:.4}) {:.1}{retro}", lobe.amplitude, c.x, c.z, lobe.n)?;
+            let off = |place: usize, digits| give_or_take(of.map(|of| of.lobes[index][place]), digits);
+            let (rho_s, x, z, n) = (off(0, 4), off(1, 4), off(2, 4), off(3, 1));
+            write!(
+                text,
+                "  {:.4}{rho_s} ({:.4}{x}, {:.4}{z}) {:.1}{n}{retro}",
+                lobe.amplitude, c.x, c.z, lobe.n
+            )?;
         }
-        if let Some(coat) = fit.model.coat {
-            write!(text, "  ggx {:.4} {:.4} {:.4}", coat.f0, coat.f90, coat.alpha)?;
+        if let Some(coat) = model.coat {
+            let off = |place: usize| give_or_take(of.and_then(|of| of.coat).map(|of| of[place]), 4);
+            let (f0, f90, alpha) = (off(0), off(1), off(2));
+            write!(text, "  ggx {:.4}{f0} {:.4}{f90} {:.4}{alpha}", coat.f0, coat.f90, coat.alpha)?;
         }
         if let Some(free) = &fit.free {
             let (log, relative) = (free.log_rms, free.relative_l2);
@@ -147,6 +171,36 @@ fn write_description(
         writeln!(text)?;
     }
     Ok(())
+}
+
+/// A standard deviation behind its coefficient; empty where it is not known.
+fn give_or_take(deviation: Option<f64>, digits: usize) -> String {
+    match deviation {
+        Some(deviation) if deviation.is_finite() => format!(" ±{deviation:.digits$}"),
+        Some(_) => " (untold)".into(),
+        None => String::new(),
+    }
+}
+
+/// The coefficients of the fits that were taken, with their standard deviations; null where those are not known.
+fn coefficients(fits: &[WavelengthFit]) -> serde_json::Value {
+    let of = |fit: &WavelengthFit| {
+        let (model, sigma) = (&fit.model, fit.deviations.as_ref());
+        let lobe = |(index, lobe): (usize, &crate::fit::model::ModelLobe)| {
+            let (c, sigma) = (lobe.c / lobe.reference, sigma.map(|sigma| sigma.lobes[index]));
+            let at = |place: usize| sigma.map(|sigma| sigma[place]);
+            json!({ "rho_s": lobe.amplitude, "rho_s_sigma": at(0), "cx": c.x, "cx_sigma": at(1),
+                "cz": c.z, "cz_sigma": at(2), "n": lobe.n, "n_sigma": at(3) })
+        };
+        let coat = model.coat.map(|coat| {
+            let sigma = sigma.and_then(|sigma| sigma.coat);
+            json!({ "f0": coat.f0, "f90": coat.f90, "alpha": coat.alpha, "sigma": sigma })
+        });
+        let lobes: Vec<_> = model.lobes.iter().enumerate().map(lobe).collect();
+        json!({ "wavelength_nm": fit.wavelength_nm, "rho_d": model.diffuse,
+            "rho_d_sigma": sigma.map(|sigma| sigma.rho_d), "lobes": lobes, "ggx": coat })
+    };
+    fits.iter().filter(|fit| fit.chosen).map(of).collect()
 }
 
 /// The sizes to compare and which to take.

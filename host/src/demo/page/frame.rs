@@ -125,7 +125,7 @@ fn balanced(config: &RigConfig, raw: &RawFrame) -> MosaicRadiance {
         ((f64::from(value) - camera.black_level) * gain[channel]) as f32
     };
     let data = raw.values.iter().enumerate().map(value).collect();
-    MosaicRadiance { width: raw.width, height: raw.height, data }
+    MosaicRadiance { width: raw.width, height: raw.height, data, variance: Vec::new() }
 }
 
 /// The tags found in this frame alone: first without, then with the registration's prediction.

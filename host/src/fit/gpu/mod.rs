@@ -17,12 +17,13 @@ use glam::{Vec3, Vec4};
 use rayon::prelude::*;
 
 use super::model::Model;
-use super::separable::choice;
+use super::separable::choice::Ascent;
 use super::separable::data::Poses;
 use super::separable::shape::Family;
 use super::separable::start::{Found, Task, minimise};
 use super::separable::texel::{Workspace, channel_groups};
 use super::texel::TexelFit;
+use super::weights::Weights;
 use super::{Device, FitOptions, Method};
 use crate::error::{Error, Result};
 use crate::sampled::{SampledSbrdf, SampledStore};
@@ -60,7 +61,7 @@ pub fn faster(store: &SampledStore, options: &FitOptions) -> Result<Device> {
         return Ok(Device::Cpu);
     }
     let windows = store.blocks();
-    let chunk = store.read(&windows[windows.len() / 2])?;
+    let chunk = store.read(&windows[windows.len() / 2], options.weights == Weights::Sigma)?;
     let time = |device: Device| {
         let start = Instant::now();
         super::fit_window(&chunk, &FitOptions { device, ..*options }, || ()).map(|_| start.elapsed())
@@ -112,7 +113,7 @@ impl Batch<'_> {
         let solutions: Vec<Vec<Solution>> =
             groups.iter().map(|channels| self.solutions(channels)).collect::<Result<_>>()?;
         let finish = |workspace: &mut Workspace, place: usize| {
-            workspace.load(self.poses, self.sampled, self.texels[place]);
+            workspace.load(self.poses, self.sampled, self.texels[place], self.options);
             let fit = workspace.fit_by(self.options, |workspace, group, _| {
                 let (task, mut model) = solutions[group][place].clone();
                 minimise(&mut workspace.solver, task, task.effort.limits, &mut model);
@@ -157,7 +158,7 @@ impl Batch<'_> {
         let lists = samples.products.par_chunks_mut(poses).zip(samples.aimed.par_chunks_mut(poses));
         let places = lists.zip(&mut samples.texels).enumerate();
         let starts = places.map_init(Workspace::default, |workspace, (place, ((products, aimed), texel))| {
-            workspace.load(self.poses, self.sampled, self.texels[place]);
+            workspace.load(self.poses, self.sampled, self.texels[place], self.options);
             let task = workspace.aim(self.options, channels);
             let at = workspace.solver.evaluate(task.family, task.diffuse, &Model::default());
             let data = &workspace.solver.data;
@@ -202,7 +203,7 @@ impl Batch<'_> {
     ) -> Result<Vec<Found>> {
         let judge = |models: Vec<(usize, Model)>| -> Vec<(usize, Found)> {
             let judged = models.into_par_iter().map_init(Workspace::default, |workspace, (place, model)| {
-                workspace.load(self.poses, self.sampled, self.texels[place]);
+                workspace.load(self.poses, self.sampled, self.texels[place], self.options);
                 workspace.aim(self.options, channels);
                 (place, Found::of(&mut workspace.solver, Task { family, ..tasks[place] }, model))
             });
@@ -213,14 +214,18 @@ impl Batch<'_> {
         let mut active: Vec<usize> = (0..tasks.len()).collect();
         let without = active.iter().map(|&place| (place, Model::default())).collect();
         let mut best: Vec<Found> = judge(without).into_iter().map(|(_, found)| found).collect();
+        let mut ascents = vec![Ascent::default(); tasks.len()];
         for lobes in 0..task.lobes {
             active.retain(|&place| tasks[place].lobes > lobes);
             beam.grow(&active, lobes)?;
             let models = active.iter().copied().zip(beam.converged(&active)?).collect();
             active.clear();
             for (place, found) in judge(models) {
-                if choice::is_better(&found.left_out, &best[place].left_out) {
+                let (better, further) = ascents[place].step(&found.left_out, &best[place].left_out);
+                if better {
                     best[place] = found;
+                }
+                if further {
                     active.push(place);
                 }
             }

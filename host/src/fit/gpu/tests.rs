@@ -50,7 +50,13 @@ fn both(sampled: &SampledSbrdf, options: &FitOptions) -> [SbrdfMap; 2] {
     [Device::Cpu, Device::Gpu].map(|device| fit_sbrdf(sampled, &FitOptions { device, ..*options }).unwrap())
 }
 
-/// ‖a − b‖ / ‖a‖ over directions that were not posed, a texel, sorted.
+/// The texels that the poses tell: the others are tied to their neighbours by the CPU, which alone fits them in order.
+fn told(map: &SbrdfMap) -> Vec<usize> {
+    let tied = |texel: usize| map.extra.get("tied").is_some_and(|tied| tied[texel] > 0.0);
+    (0..map.width * map.height).filter(|&texel| !tied(texel)).collect()
+}
+
+/// ‖a − b‖ / ‖a‖ over directions that were not posed, a texel that the poses tell, sorted.
 fn differences([a, b]: &[SbrdfMap; 2]) -> Vec<f64> {
     let pairs: Vec<(Vec3, Vec3)> = directions(100, 99);
     let difference = |texel: usize| {
@@ -62,15 +68,16 @@ fn differences([a, b]: &[SbrdfMap; 2]) -> Vec<f64> {
         }
         (off / all).sqrt()
     };
-    let mut differences: Vec<f64> = (0..a.width * a.height).map(difference).collect();
+    let mut differences: Vec<f64> = told(a).into_iter().map(difference).collect();
     differences.sort_by(f64::total_cmp);
     differences
 }
 
-/// |GPU's cost over CPU's − 1| a texel, sorted. The residual is linear, so that `error.rms` is the root of the cost.
+/// |GPU's cost over CPU's − 1| a texel that the poses tell, sorted. The residual is linear, so that `error.rms` is the root of the cost.
 fn cost_differences([cpu, gpu]: &[SbrdfMap; 2]) -> Vec<f64> {
-    let costs = cpu.extra["error.rms"].iter().zip(&gpu.extra["error.rms"]);
-    let mut differences: Vec<f64> = costs.map(|(a, b)| (f64::from(b / a).powi(2) - 1.0).abs()).collect();
+    let rms = |map: &SbrdfMap, texel: usize| f64::from(map.extra["error.rms"][texel]);
+    let difference = |texel| ((rms(gpu, texel) / rms(cpu, texel)).powi(2) - 1.0).abs();
+    let mut differences: Vec<f64> = told(cpu).into_iter().map(difference).collect();
     differences.sort_by(f64::total_cmp);
     differences
 }
@@ -87,12 +94,17 @@ fn the_gpu_comes_to_the_cost_and_the_reflectance_of_the_cpu() {
         let options = FitOptions { lobes, isotropic, residual: Residual::Linear, ..FitOptions::default() };
         let maps = both(&sampled(lobes, !isotropic), &options);
         let (costs, differences) = (cost_differences(&maps), differences(&maps));
+        assert!(costs.len() >= 24, "{}", costs.len());
+        let (half, most) = (costs.len() / 2, costs.len() * 9 / 10);
         println!(
             "{lobes} lobes: cost {:.1e} {:.1e}, reflectance {:.1e} {:.1e}",
-            costs[18], costs[32], differences[18], differences[32]
+            costs[half], costs[most], differences[half], differences[most]
         );
-        assert!(costs[18] < 1e-4 && costs[32] < cost, "{lobes} lobes: {costs:?}");
-        assert!(differences[18] < 2e-4 && differences[32] < reflectance, "{lobes} lobes: {differences:?}");
+        assert!(costs[half] < 1e-4 && costs[most] < cost, "{lobes} lobes: {costs:?}");
+        assert!(
+            differences[half] < 2e-4 && differences[most] < reflectance,
+            "{lobes} lobes: {differences:?}"
+        );
     }
 }
 
@@ -112,6 +124,7 @@ fn channels_of_their_own_a_given_diffuse_term_missing_samples_and_the_choice_of_
         FitOptions { separate_channels: true, ..linear },
         FitOptions { diffuse: Diffuse::Percentile(10.0), ..linear },
         FitOptions { choose: true, lobes: 1, ..FitOptions::default() },
+        FitOptions { weights: Weights::Sigma, ..linear },
     ] {
         let maps = both(&sampled, &options);
         let [cpu, gpu] = &maps;
@@ -124,7 +137,7 @@ fn channels_of_their_own_a_given_diffuse_term_missing_samples_and_the_choice_of_
         assert!(first == rest && first.max_element() == 0.0);
         // The first texel, black in both, has no relative difference.
         let differences = differences(&maps);
-        assert!(differences[32] < 1e-3, "{options:?} {differences:?}");
+        assert!(differences[differences.len() * 9 / 10] < 1e-3, "{options:?} {differences:?}");
     }
 }
 

@@ -18,6 +18,8 @@ use super::uncertainty::{Covariance, Response};
 
 /// Standard errors by which a larger model has to be better.
 const ERRORS: f64 = 2.0;
+/// Standard errors from which on a larger model that is not better beyond doubt makes one more lobe worth a look.
+const DOUBTFUL: f64 = 0.5;
 /// Or the share of the sum of squares that it may leave: a sharp lobe that only two or three poses meet is never two
 /// standard errors better, but leaves next to nothing there.
 const SHARE: f64 = 0.7;
@@ -88,12 +90,61 @@ pub fn left_out(solver: &Solver, task: Task, model: &Model, at: &Amplitudes) -> 
         .collect()
 }
 
-/// Whether poses are predicted better with the squared residuals `large` than with `small`, beyond doubt.
-pub fn is_better(large: &[f64], small: &[f64]) -> bool {
+/// What comes of one lobe more.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Verdict {
+    /// It is better beyond doubt.
+    Better,
+    /// It predicts the poses a little better, but not beyond doubt: two lobes more may be, where one alone stands for both badly.
+    Doubtful,
+    /// It is no better.
+    No,
+}
+
+/// Judges a model of more lobes by its squared residuals `large` against those of one of fewer.
+pub fn verdict(large: &[f64], small: &[f64]) -> Verdict {
+    let (gain, error, whole) = gain(large, small);
+    match gain {
+        gain if gain > ERRORS * error || gain > (1.0 - SHARE) * whole => Verdict::Better,
+        gain if gain > DOUBTFUL * error => Verdict::Doubtful,
+        _ => Verdict::No,
+    }
+}
+
+/// By how much squared residuals fall, the standard error of that, and their sum before.
+fn gain(large: &[f64], small: &[f64]) -> (f64, f64, f64) {
     let (mut gain, mut squares) = (0.0, 0.0);
     for (large, small) in large.iter().zip(small) {
         gain += small - large;
         squares += (small - large) * (small - large);
     }
-    gain > ERRORS * squares.sqrt() || gain > (1.0 - SHARE) * small.iter().sum::<f64>()
+    (gain, squares.sqrt(), small.iter().sum())
+}
+
+/// Looks for the last number of lobes that is better beyond doubt than the best before it, one lobe beyond the first that is not.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Ascent {
+    doubted: bool,
+}
+
+impl Ascent {
+    /// Whether to take the model with one lobe more, and whether to go on to the next.
+    pub fn step(&mut self, large: &[f64], best: &[f64]) -> (bool, bool) {
+        match verdict(large, best) {
+            Verdict::Better => {
+                self.doubted = false;
+                (true, true)
+            }
+            Verdict::Doubtful if !self.doubted => {
+                self.doubted = true;
+                (false, true)
+            }
+            _ => (false, false),
+        }
+    }
+}
+
+/// Whether poses are predicted better with the squared residuals `large` than with `small`, beyond doubt.
+pub fn is_better(large: &[f64], small: &[f64]) -> bool {
+    verdict(large, small) == Verdict::Better
 }

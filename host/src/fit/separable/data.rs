@@ -6,6 +6,7 @@ use glam::DVec3;
 
 use super::super::Residual;
 use super::super::samples::{MOST_OVER_SEEN, Samples};
+use super::super::weights::Weights;
 use super::math::LANES;
 use crate::reflectance::colour;
 use crate::sampled::{PoseGeometry, SampledSbrdf};
@@ -71,6 +72,8 @@ pub struct Data {
     pub products: Products,
     /// Reflectance a channel, sr⁻¹; 0 where it is not valid.
     pub rgb: [Vec<f64>; 3],
+    /// Standard deviations a channel, sr⁻¹, where samples weigh by them; else empty.
+    pub deviation: [Vec<f64>; 3],
     /// The pose's weight, 0 without a valid sample.
     pub weight: Vec<f64>,
     /// Largest θ_i and θ_o of the valid samples, radians.
@@ -116,9 +119,9 @@ impl Data {
         }
     }
 
-    /// Reads the samples of texel `index`.
+    /// Reads the samples of texel `index`; their standard deviations too where they are to weigh by them.
     #[inline(always)]
-    pub fn load(&mut self, poses: &Poses, sampled: &SampledSbrdf, index: usize) {
+    pub fn load(&mut self, poses: &Poses, sampled: &SampledSbrdf, index: usize, weights: Weights) {
         let count = poses.weight.len();
         self.resize(count);
         self.products.set(poses, sampled.position_mm(index));
@@ -132,6 +135,19 @@ impl Data {
             *green = f64::from(value[1]);
             *blue = f64::from(value[2]);
         }
+        self.deviation.iter_mut().for_each(Vec::clear);
+        if let Some(sigmas) = sampled.sigmas(index).filter(|_| weights == Weights::Sigma) {
+            for (channel, list) in self.deviation.iter_mut().enumerate() {
+                list.extend(sigmas[channel..].iter().step_by(3).map(|sigma| f64::from(*sigma)));
+                list.resize(count, 1.0);
+                // A value of unknown noise is no valid sample.
+                for (value, sigma) in self.rgb[channel].iter_mut().zip(list) {
+                    if !(*sigma > 0.0 && sigma.is_finite()) {
+                        *value = f64::NAN;
+                    }
+                }
+            }
+        }
         self.check(&poses.weight);
     }
 
@@ -143,8 +159,16 @@ impl Data {
         self.check(&poses.weight);
     }
 
+    /// Leaves a valid pose out.
+    pub fn leave_out(&mut self, pose: usize) {
+        self.weight[pose] = 0.0;
+        self.rgb.iter_mut().for_each(|channel| channel[pose] = 0.0);
+        self.valid -= 1;
+    }
+
     /// Takes samples of which the directions are known one by one.
     pub fn take(&mut self, samples: &Samples) {
+        self.deviation.iter_mut().for_each(Vec::clear);
         let valid = samples.len();
         let count = valid.next_multiple_of(LANES);
         self.resize(count);
@@ -218,6 +242,47 @@ impl Data {
             [one] => std::array::from_fn(|channel| f64::from(u8::from(channel == *one))),
             _ => luminance,
         };
+        let by_sigma = !self.deviation[0].is_empty();
+        let ratios =
+            if by_sigma { self.weigh_by_sigma(shares) } else { self.weigh_by_residual(shares, residual) };
+        for (place, &channel) in channels.iter().enumerate() {
+            let own = (by_sigma || residual == Residual::Proportional) && self.valid > 0;
+            let scale = if own { (ratios[channel] / self.valid as f64).sqrt() } else { 1.0 };
+            let root = &self.root[..count];
+            let offset = fixed.map_or(0.0, |rgb| rgb[channel]);
+            let (values, goal) = (&self.rgb[channel][..count], &mut self.goal[place][..count]);
+            let mut largest = [0.0; LANES];
+            for start in (0..count).step_by(LANES) {
+                for (lane, largest) in largest.iter_mut().enumerate() {
+                    let k = start + lane;
+                    goal[k] = (values[k] - offset) * root[k] * scale;
+                    *largest = if values[k] > *largest { values[k] } else { *largest };
+                }
+            }
+            self.scale[place] = scale;
+            self.most[place] = MOST_OVER_SEEN * scale * largest.into_iter().fold(0.0, f64::max);
+        }
+    }
+
+    /// Sets the roots of the weights to the inverse of the samples' standard deviations, of which the channels have `shares`; returns the sum of what that
+    /// gives each channel too much or too little.
+    fn weigh_by_sigma(&mut self, shares: [f64; 3]) -> [f64; 3] {
+        let mut ratios = [0.0; 3];
+        for (k, root) in self.root.iter_mut().enumerate() {
+            let sigmas: [f64; 3] = std::array::from_fn(|channel| self.deviation[channel][k]);
+            let sigma: f64 = shares.iter().zip(sigmas).map(|(share, sigma)| share * sigma).sum();
+            *root = if self.weight[k] > 0.0 { 1.0 / sigma } else { 0.0 };
+            for (ratio, own) in ratios.iter_mut().zip(sigmas).filter(|_| self.weight[k] > 0.0) {
+                *ratio += (sigma / own).powi(2);
+            }
+        }
+        ratios
+    }
+
+    /// Sets the roots of the weights to those of the poses and of the residual; returns as [`Self::weigh_by_sigma`].
+    #[inline(always)]
+    fn weigh_by_residual(&mut self, shares: [f64; 3], residual: Residual) -> [f64; 3] {
+        let count = self.len();
         let [red, green, blue] = &self.rgb;
         let (red, green, blue) = (&red[..count], &green[..count], &blue[..count]);
         let (weight, cos_o) = (&self.weight[..count], &self.products.cos[1][..count]);
@@ -244,23 +309,7 @@ impl Data {
                 }
             }
         }
-        for (place, &channel) in channels.iter().enumerate() {
-            let proportional = residual == Residual::Proportional && self.valid > 0;
-            let ratio = ratios[channel].iter().sum::<f64>() / self.valid as f64;
-            let scale = if proportional { ratio.sqrt() } else { 1.0 };
-            let offset = fixed.map_or(0.0, |rgb| rgb[channel]);
-            let (values, goal) = (&self.rgb[channel][..count], &mut self.goal[place][..count]);
-            let mut largest = [0.0; LANES];
-            for start in (0..count).step_by(LANES) {
-                for (lane, largest) in largest.iter_mut().enumerate() {
-                    let k = start + lane;
-                    goal[k] = (values[k] - offset) * root[k] * scale;
-                    *largest = if values[k] > *largest { values[k] } else { *largest };
-                }
-            }
-            self.scale[place] = scale;
-            self.most[place] = MOST_OVER_SEEN * scale * largest.into_iter().fold(0.0, f64::max);
-        }
+        ratios.map(|lanes| lanes.iter().sum())
     }
 
     /// Multiplies the weight of every pose with a factor.

@@ -10,7 +10,7 @@ use super::super::linear;
 use super::super::lm::{Limits, Outcome};
 use super::super::model::{Model, ModelLobe, isotropic_c};
 use super::bank::{Bank, EXPONENTS, Fill, Products32, ROWS, ridge_angle};
-use super::choice;
+use super::choice::{self, Ascent};
 use super::columns::{CHANNELS, MOST_LOBES, WIDTH};
 use super::normal::{Amplitudes, LINEAR, Layout};
 use super::shape::{self, Family};
@@ -170,15 +170,18 @@ pub fn follow(solver: &mut Solver, task: Task, near: &[Known]) -> Option<Found> 
     let mut chosen = None;
     if task.choose {
         let mut best = Found::of(solver, task, Model::default());
+        let mut ascent = Ascent::default();
         let mut ended = task.lobes == 0;
         for start in near {
             let found = reach(solver, start)?;
-            ended = !choice::is_better(&found.left_out, &best.left_out);
+            let (better, further) = ascent.step(&found.left_out, &best.left_out);
+            ended = !further || found.model.lobes.len() == task.lobes;
+            if better {
+                best = found;
+            }
             if ended {
                 break;
             }
-            ended = found.model.lobes.len() == task.lobes;
-            best = found;
         }
         if ended {
             chosen = Some(best);
@@ -202,6 +205,7 @@ impl Search {
         let mut beam = vec![Candidate { cost: f64::INFINITY, model: Model::default() }];
         let mut chosen: Option<Found> = None;
         let mut known = Vec::new();
+        let mut ascent = Ascent::default();
         if task.choose {
             chosen = Some(Found::of(solver, task, Model::default()));
         }
@@ -215,10 +219,13 @@ impl Search {
             if let Some(best) = &mut chosen {
                 let found = Found::of(solver, task, beam[0].model.clone());
                 known.push(found.known(solver));
-                if !choice::is_better(&found.left_out, &best.left_out) {
+                let (better, further) = ascent.step(&found.left_out, &best.left_out);
+                if better {
+                    *best = found;
+                }
+                if !further {
                     break;
                 }
-                *best = found;
             } else if last {
                 beam.truncate(1);
             }
@@ -237,20 +244,24 @@ impl Search {
     pub fn widened(&mut self, solver: &mut Solver, bank: &Bank, task: Task, isotropic: &[Known]) -> Found {
         let task = Task { effort: Effort { beam: 1, ..task.effort }, ..task };
         let mut best = Found::of(solver, task, Model::default());
-        let mut known = Vec::with_capacity(isotropic.len());
+        let mut known: Vec<Known> = Vec::with_capacity(isotropic.len());
+        let mut ascent = Ascent::default();
         for start in isotropic {
             let mut longer = Vec::new();
-            if !best.model.lobes.is_empty() {
-                let set = Candidate { cost: best.at.cost, model: best.model.clone() };
+            if let Some(last) = known.last() {
+                let set = Candidate { cost: f64::INFINITY, model: last.model.clone() };
                 longer = self.extended(solver, bank, task, &[set], true);
             }
             let longer = longer.pop().map(|candidate| candidate.model);
             let found = Found::better_of(solver, task, start.model.clone(), longer);
             known.push(found.known(solver));
-            if !choice::is_better(&found.left_out, &best.left_out) {
+            let (better, further) = ascent.step(&found.left_out, &best.left_out);
+            if better {
+                best = found;
+            }
+            if !further {
                 break;
             }
-            best = found;
         }
         Found { known, ..best }
     }

@@ -262,7 +262,7 @@ fn share_of_patches(side: usize, step: usize) -> f64 {
     let mut within = 0;
     for &index in &texels {
         workspace.settle(&poses, &sampled, index);
-        workspace.load(&poses, &sampled, index);
+        workspace.load(&poses, &sampled, index, &options);
         let fit = workspace.fit(&options);
         let values = (3 * fit.samples) as f64;
         let mut best = fit.rms * fit.rms * values;

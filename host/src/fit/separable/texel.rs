@@ -5,11 +5,14 @@ use pulp::WithSimd;
 use super::super::model::Model;
 use super::super::samples::Samples;
 use super::super::texel::{TexelFit, affordable_lobes};
+use super::super::weights::Weights;
 use super::super::{Diffuse, FitOptions, Residual, diffuse};
 use super::bank::Bank;
 use super::choice;
 use super::data::{Data, Poses};
+use super::mirror::Mirror;
 use super::normal::Amplitudes;
+use super::prior;
 use super::robust;
 use super::shape::Family;
 use super::solver::Solver;
@@ -26,23 +29,32 @@ pub struct Workspace {
     /// Shapes for the block of texels at hand.
     pub bank: Bank,
     search: Search,
+    /// What the poses that were left out tell of a mirror.
+    mirror: Option<Mirror>,
     /// What was found at the last texel of every column of the block.
     columns: Vec<Vec<Trail>>,
+    /// Their shapes that the samples told, group by group of channels.
+    told: Vec<Vec<Option<Solution>>>,
+    /// Those of the neighbour that the texel at hand is tied to where its own samples do not tell.
+    neighbour: Vec<Option<Solution>>,
     /// Texels of the block that started from a neighbour, and those of them that did not have to search after all.
     followed: [usize; 2],
 }
+
+/// A model of a family.
+type Solution = (Family, Model);
 
 /// What was found for channels that are fitted together: models of the task's own family, and isotropic ones where there is a choice.
 type Trail = [Vec<Known>; 2];
 
 /// Reading a texel's samples, as vector code.
-struct Load<'a>(&'a mut Data, &'a Poses, &'a SampledSbrdf, usize);
+struct Load<'a>(&'a mut Data, &'a Poses, &'a SampledSbrdf, usize, Weights);
 
 impl WithSimd for Load<'_> {
     type Output = ();
     #[inline(always)]
     fn with_simd<S: pulp::Simd>(self, _: S) {
-        self.0.load(self.1, self.2, self.3);
+        self.0.load(self.1, self.2, self.3, self.4);
     }
 }
 
@@ -128,16 +140,24 @@ impl Workspace {
         self.solver.data.look(poses, sampled.position_mm(index));
         self.bank.fill(&self.solver.data.products, self.solver.data.cone);
         self.columns.clear();
+        self.told.clear();
         self.followed = [0; 2];
     }
 
-    /// Reads the samples of texel `index`.
-    pub fn load(&mut self, poses: &Poses, sampled: &SampledSbrdf, index: usize) {
-        self.solver.arch.dispatch(Load(&mut self.solver.data, poses, sampled, index));
+    /// Reads the samples of texel `index`. Where the number of lobes is a choice, so is a mirror term: poses that met one are left out.
+    pub fn load(&mut self, poses: &Poses, sampled: &SampledSbrdf, index: usize, options: &FitOptions) {
+        self.solver.arch.dispatch(Load(&mut self.solver.data, poses, sampled, index, options.weights));
+        self.neighbour.clear();
+        self.mirror = if options.choose { Mirror::of(&self.solver.data) } else { None };
+        for &pose in self.mirror.iter().flat_map(|mirror| &mirror.poses) {
+            self.solver.data.leave_out(pose);
+        }
     }
 
     /// Takes samples of which the directions are known one by one, with a bank of their own.
     pub fn take(&mut self, samples: &Samples) {
+        self.mirror = None;
+        self.neighbour.clear();
         self.solver.data.take(samples);
         self.bank.fill(&self.solver.data.products, self.solver.data.cone);
     }
@@ -153,6 +173,8 @@ impl Workspace {
         ];
         let near: Vec<&Vec<Trail>> = sides.into_iter().flatten().collect();
         let mut trails = Vec::new();
+        let told = [column.checked_sub(1).and_then(|left| self.told.get(left)), self.told.get(column)];
+        self.neighbour = told.into_iter().flatten().next().cloned().unwrap_or_default();
         let fit = self.fit_by(options, |workspace, group, task| {
             let near: Vec<&Trail> = near.iter().filter_map(|trails| trails.get(group)).collect();
             let (task, model, trail) = workspace.search(task, &near);
@@ -163,6 +185,8 @@ impl Workspace {
         columns.resize_with(columns.len().max(column + 1), Vec::new);
         columns[column] = trails;
         self.columns = columns;
+        self.told.resize_with(self.columns.len(), Vec::new);
+        self.told[column] = std::mem::take(&mut self.neighbour);
         fit
     }
 
@@ -178,13 +202,32 @@ impl Workspace {
     pub fn fit_by(
         &mut self,
         options: &FitOptions,
+        search: impl FnMut(&mut Self, usize, Task) -> (Task, Model),
+    ) -> TexelFit {
+        self.fit_tied(options, true, search)
+    }
+
+    /// The fit of the samples that were read without any prior, for comparison.
+    #[cfg(test)]
+    pub(super) fn untied(&mut self, options: &FitOptions) -> LobeBrdf {
+        let search = |workspace: &mut Self, _: usize, task: Task| {
+            let (task, model, _) = workspace.search(task, &[]);
+            (task, model)
+        };
+        self.fit_tied(options, false, search).brdf
+    }
+
+    fn fit_tied(
+        &mut self,
+        options: &FitOptions,
+        tie: bool,
         mut search: impl FnMut(&mut Self, usize, Task) -> (Task, Model),
     ) -> TexelFit {
         let valid = self.solver.data.valid;
         let fixed = self.fixed_diffuse(options);
         let mut brdf = LobeBrdf { rho_d: fixed.map_or(Rgb::ZERO, rgb), ..LobeBrdf::default() };
         let mut sigma = Sigma::default();
-        let (mut error, mut whole) = (0.0, 0.0);
+        let (mut error, mut whole, mut tied) = (0.0, 0.0, 0);
         for (place, channels) in channel_groups(options).iter().enumerate() {
             let arch = self.solver.arch;
             let task = self.aim(options, channels);
@@ -193,6 +236,9 @@ impl Workspace {
                 (task, model) = self.withstand(options, channels, (task, model), |workspace, task| {
                     search(workspace, place, task)
                 });
+            }
+            if tie {
+                tied += self.tie(place, task, &mut model);
             }
             let at = self.solver.evaluate(task.family, task.diffuse, &model);
             let part = self.brdf(channels, &model, &at);
@@ -209,7 +255,22 @@ impl Workspace {
         }
         let rms = (error / (3 * valid).max(1) as f64).sqrt();
         let relative = if whole > 0.0 { (error / whole).sqrt() } else { 0.0 };
-        TexelFit { brdf, rms, relative, samples: valid, sigma: Some(sigma), held: false }
+        let mirror = self.mirror.clone();
+        TexelFit { brdf, rms, relative, samples: valid, sigma: Some(sigma), mirror, tied, held: false }
+    }
+
+    /// Ties what the samples do not tell of the model of a group of channels to the neighbour's, or else to Phong's; leaves in its place what the next
+    /// texel may be tied to.
+    fn tie(&mut self, group: usize, task: Task, model: &mut Model) -> usize {
+        self.neighbour.resize(self.neighbour.len().max(group + 1), None);
+        let alike = self.neighbour[group]
+            .take()
+            .filter(|(family, near)| *family == task.family && !near.lobes.is_empty());
+        let near = alike.as_ref().map(|(_, near)| near);
+        let tied = prior::tie(&mut self.solver, task, model, near);
+        // What was not told here is not handed on; what the neighbour told may be.
+        self.neighbour[group] = if tied == 0 { Some((task.family, model.clone())) } else { alike };
+        tied
     }
 
     /// The fit of samples some of which may lie far off: their weights and the fit follow each other.

@@ -164,7 +164,7 @@ pub fn sigma(solver: &Solver, family: Family, diffuse: bool, model: &Model, at: 
 }
 
 /// σ² of a weighted residual, from the cost.
-fn variance(solver: &Solver, layout: Layout, at: &Amplitudes) -> f64 {
+pub(super) fn variance(solver: &Solver, layout: Layout, at: &Amplitudes) -> f64 {
     let free = at.free.iter().take(layout.channels).flatten().filter(|&&free| free).count();
     let unknowns = free + layout.family.size(layout.lobes);
     at.cost / (solver.data.valid * layout.channels).saturating_sub(unknowns).max(1) as f64

@@ -65,6 +65,8 @@ impl RigConfig {
             ("camera.min_exposure_s", camera.min_exposure_s, 1e-6..=4000.0),
             ("camera.max_exposure_s", camera.max_exposure_s, 1e-6..=4000.0),
             ("camera.f_number", camera.f_number, POSITIVE),
+            ("camera.electrons_per_value", camera.electrons_per_value, POSITIVE),
+            ("camera.read_noise_e", camera.read_noise_e, NOT_NEGATIVE),
             ("exposure.count", self.exposure.count as f64, 1.0..=3.0),
             ("exposure.dark_frames", self.exposure.dark_frames as f64, 1.0..=100.0),
             ("exposure.darkest_reflectance", self.exposure.darkest_reflectance, POSITIVE),
