@@ -641,7 +641,9 @@ fn radiance_of(in: Fragment, dx: vec2f, dy: vec2f) -> vec3f {
         let wi = seen.toward * frame;
         var reaches = wi.z > 0.0 && any(seen.irradiance > vec3f(0.0));
         if SHADOWS && reaches {
-            reaches = dot(geometric, seen.toward) > 0.0 && !occluded(origin, seen.toward, seen.reach);
+            // What the origin is lifted by brings it nearer to the light.
+            let reach = seen.reach - max(dot(origin - in.position, seen.toward), 0.0);
+            reaches = dot(geometric, seen.toward) > 0.0 && !occluded(origin, seen.toward, reach);
         }
         if reaches {
             lit.wi[lit.count] = wi;

@@ -130,7 +130,7 @@ impl Settings {
         self.light_samples.isqrt()
     }
 
-    /// Seconds a frame of a view, the least of `rounds` of `frames` each, without reading pictures back; and the adapter.
+    /// Seconds a frame of a view (of a driver in software, of CPU time), the least of `rounds` of `frames` each, without reading pictures back; and the adapter.
     ///
     /// # Errors
     /// Those of [`Renderer::prepare`] and of [`Prepared::view`].
