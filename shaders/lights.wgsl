@@ -594,17 +594,22 @@ fn shadow_origin(triangle: u32, position: vec3f, geometric: vec3f) -> vec3f {
     let to = position - a;
     let normal = cross(ab, ac);
     let area = max(dot(normal, normal), 1e-37);
-    let wb = clamp(dot(cross(to, ac), normal) / area, 0.0, 1.0);
-    let wc = clamp(dot(cross(ab, to), normal) / area, 0.0, 1.0);
-    let weights = vec3f(max(1.0 - wb - wc, 0.0), wb, wc);
+    var wb = clamp(dot(cross(to, ac), normal) / area, 0.0, 1.0);
+    var wc = clamp(dot(cross(ab, to), normal) / area, 0.0, 1.0);
+    let whole = max(wb + wc, 1.0);
+    wb /= whole;
+    wc /= whole;
+    let weights = vec3f(1.0 - wb - wc, wb, wc);
+    // Within the triangle: multisampling may place fragments beyond its edges.
+    let place = a + ab * wb + ac * wc;
     var lift = vec3f(0.0);
     for (var k = 0u; k < 3u; k++) {
         let first = vertices[corners[k]];
         var outward = vec3f(first.w, vertices[corners[k] + 1u].xy);
         outward *= select(1.0, -1.0, dot(outward, geometric) < 0.0);
-        lift -= outward * (min(dot(position - first.xyz, outward), 0.0) * weights[k]);
+        lift -= outward * (min(dot(place - first.xyz, outward), 0.0) * weights[k]);
     }
-    return position + lift + geometric * view.offset.x;
+    return place + lift + geometric * view.offset.x;
 }
 
 fn radiance_of(in: Fragment, dx: vec2f, dy: vec2f) -> vec3f {
