@@ -540,7 +540,7 @@ fn hash(number: u32) -> u32 {
 // One sample of a light as a point sees it.
 struct Seen {
     toward: vec3f,
-    reach: f32,
+    distance: f32,
     // On a surface that faces it.
     irradiance: vec3f,
     // Samples of this light.
@@ -580,7 +580,7 @@ fn see(lamp: Lamp, point: vec3f, seed: u32, k: u32) -> Seen {
         // The cross product's length is the area.
         irradiance *= max(-dot(cross(lamp.u.xyz, lamp.v.xyz), toward), 0.0) / f32(count);
     }
-    return Seen(toward, sqrt(square) * (1.0 - 1e-5) - 3.0 * view.offset.x, irradiance, count);
+    return Seen(toward, sqrt(square), irradiance, count);
 }
 
 // ---- The pass ----
@@ -646,9 +646,16 @@ fn radiance_of(in: Fragment, dx: vec2f, dy: vec2f) -> vec3f {
         let wi = seen.toward * frame;
         var reaches = wi.z > 0.0 && any(seen.irradiance > vec3f(0.0));
         if SHADOWS && reaches {
-            // What the origin is lifted by brings it nearer to the light.
-            let reach = seen.reach - max(dot(origin - in.position, seen.toward), 0.0);
-            reaches = dot(geometric, seen.toward) > 0.0 && !occluded(origin, seen.toward, reach);
+            // Seen from where the ray starts, a near light has another direction and distance.
+            var direction = seen.toward;
+            var reach = 3e38;
+            if seen.distance < 1e37 {
+                let to = in.position + seen.toward * seen.distance - origin;
+                let distance = length(to);
+                direction = to / distance;
+                reach = distance * (1.0 - 1e-5) - 3.0 * view.offset.x;
+            }
+            reaches = dot(geometric, seen.toward) > 0.0 && !occluded(origin, direction, reach);
         }
         if reaches {
             lit.wi[lit.count] = wi;

@@ -184,9 +184,15 @@ impl Geometry {
     /// Whether anything lies between a surface point and just before `distance` along a unit direction.
     pub(crate) fn occluded(&self, surface: &Surface, direction: Vec3, distance: f32) -> bool {
         let origin = self.leaving(surface);
-        // What the origin is lifted by brings it nearer to the light.
-        let lifted = (origin - surface.position).dot(direction).max(0.0);
-        let reach = distance - lifted - 3.0 * self.offset - distance.min(f32::MAX) * 1e-5;
+        // Seen from where the ray starts, a near light has another direction and distance.
+        let (direction, distance) = if distance.is_finite() {
+            let to = surface.position + direction * distance - origin;
+            let length = to.length();
+            (to / length, length)
+        } else {
+            (direction, distance)
+        };
+        let reach = distance - 3.0 * self.offset - distance.min(f32::MAX) * 1e-5;
         self.bvh.any(origin, direction, reach, |triangle, distance| {
             self.solid(triangle, || origin + direction * distance)
         })
