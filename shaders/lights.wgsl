@@ -324,7 +324,7 @@ struct Footprint {
 }
 
 // Samples from which on one texel each is enough.
-const MANY = 16u;
+const MANY = 64u;
 
 fn footprint_of(object: u32, uv: vec2f, dx: vec2f, dy: vec2f) -> Footprint {
     let size = vec2f(f32(materials[object].width), f32(materials[object].height));
@@ -363,7 +363,7 @@ fn tap_count(footprint: Footprint) -> u32 {
 }
 
 // The additive recurrence of the plane's plastic number, low in discrepancy (Roberts 2018).
-const SPREAD = vec2f(0.75487767, 0.56984029);
+const SPREAD = vec2f(0.7548777, 0.5698403);
 
 fn tap(object: u32, footprint: Footprint, index: u32) -> Tap {
     var rest = index;

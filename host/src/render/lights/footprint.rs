@@ -17,9 +17,9 @@ pub(super) struct Footprint {
 }
 
 /// Samples from which on one texel each is enough.
-const MANY: u32 = 16;
+const MANY: u32 = 64;
 /// The additive recurrence of the plane's plastic number, low in discrepancy (Roberts 2018).
-const SPREAD: Vec2 = Vec2::new(0.754_877_67, 0.569_840_29);
+const SPREAD: Vec2 = Vec2::new(0.754_877_7, 0.569_840_3);
 
 impl Footprint {
     /// The footprint around texture coordinates that change by `dx` and `dy` from pixel to pixel.
