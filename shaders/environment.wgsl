@@ -26,12 +26,17 @@ struct Map {
 // Factor, turn and sharpness of clipped lobes, by cosine (rows) and exponent; see render/environment/horizon.rs.
 @group(1) @binding(3) var<storage, read> clipped: array<vec4f>;
 
+// Microfacet terms by cosine of the exitant direction (rows) and root of alpha, two vectors each: albedo by f0 and by f90, the first
+// lobe's share; angle and log2 n of both lobes. See render/environment/coats.rs.
+@group(1) @binding(4) var<storage, read> coats: array<vec4f>;
+
 const PI = 3.14159265;
 const TAU = 6.28318531;
 const COSINES = 97u;
 const EXPONENTS = 29u;
 const LOG2_LOW = -2.0;
 const LOG2_STEP = 0.5;
+const COATS = 33u;
 
 // A world direction in the image's frame.
 fn into_image(world: vec3f) -> vec3f {
@@ -131,16 +136,44 @@ fn turned(direction: vec3f, angle: f32) -> vec3f {
     return direction * cos(angle) + up * sin(angle);
 }
 
+// Bilinear between the nodes of `coats` from `at` on.
+fn between(at: u32, part: vec2f) -> vec4f {
+    let low = mix(coats[at], coats[at + 2u], part.y);
+    let high = mix(coats[at + 2u * COATS], coats[at + 2u * COATS + 2u], part.y);
+    return mix(low, high, part.x);
+}
+
+// Mean radiance under a lobe by its angle, away from the exitant direction, and its log2 n.
+fn under_lobe(lobe: vec2f, frame: mat3x3f, wo: vec3f) -> vec3f {
+    let n = clamp(exp2(lobe.y), maps[1].n, maps[sky.maps].n);
+    let level = length(wo.xy);
+    let away = select(vec2f(0.0), -wo.xy / max(level, 1e-20), level > 0.0);
+    return lobe_light(frame * vec3f(away * sin(lobe.x), cos(lobe.x)), n) * ((n + 1.0) / TAU);
+}
+
+// Radiance of the environment that a microfacet term reflects.
+fn distant_by_coat(coat: Coat, frame: mat3x3f, wo: vec3f) -> vec3f {
+    let x = clamp(wo.z, 0.0, 1.0) * f32(COATS - 1u);
+    let y = clamp(sqrt(coat.alpha), 0.0, 1.0) * f32(COATS - 1u);
+    let i = min(u32(x), COATS - 2u);
+    let j = min(u32(y), COATS - 2u);
+    let at = 2u * (i * COATS + j);
+    let part = vec2f(x - f32(i), y - f32(j));
+    let whole = between(at, part);
+    let lobes = between(at + 1u, part);
+    let light = whole.z * under_lobe(lobes.xy, frame, wo) + (1.0 - whole.z) * under_lobe(lobes.zw, frame, wo);
+    return (coat.f0 * whole.x + coat.f90 * whole.y) * light;
+}
+
 // Radiance of the environment that a texel reflects; `diffuse` is D(N).
-fn distant(index: u32, brightest: f32, diffuse: vec3f, frame: mat3x3f, wo: vec3f) -> vec3f {
+fn distant(object: u32, index: u32, brightest: f32, diffuse: vec3f, frame: mat3x3f, wo: vec3f) -> vec3f {
     var at = starts[index];
-    let end = starts[index + 1u];
+    let end = starts[index + 1u] - coat_words(object);
     let texel = texel_at(at, brightest);
     var radiance = texel.rho_d * diffuse;
     for (at += GROUP; at < end; at += 2u * GROUP) {
         let lobe = lobe_at(at, texel, brightest);
-        let c = lobe.c;
-        let peak = vec3f(c.x * wo.x + c.y * wo.y, c.y * wo.x + c.z * wo.y, c.w * wo.z);
+        let peak = peak_of(lobe, wo);
         let size = length(peak);
         if size <= 1e-18 {
             continue;
@@ -152,6 +185,9 @@ fn distant(index: u32, brightest: f32, diffuse: vec3f, frame: mat3x3f, wo: vec3f
             radiance += lobe.rho_s * light * (pow(size, lobe.n) * part.x * (n + 1.0) / (lobe.n + 1.0));
         }
     }
+    for (; at < starts[index + 1u]; at += 2u * GROUP) {
+        radiance += distant_by_coat(coat_at(at, brightest), frame, wo);
+    }
     return radiance;
 }
 
@@ -159,12 +195,12 @@ fn distant(index: u32, brightest: f32, diffuse: vec3f, frame: mat3x3f, wo: vec3f
 fn distant_of(object: u32, footprint: Footprint, frame: mat3x3f, wo: vec3f) -> vec3f {
     let diffuse = irradiance(frame[2]);
     let brightest = materials[object].brightest;
-    let count = tap_count(object, footprint);
+    let count = tap_count(footprint);
     var radiance = vec3f(0.0);
     for (var k = 0u; k < count; k++) {
         let one = tap(object, footprint, k);
         if one.weight > 0.0 {
-            radiance += one.weight * distant(one.texel, brightest, diffuse, frame, wo);
+            radiance += one.weight * distant(object, one.texel, brightest, diffuse, frame, wo);
         }
     }
     return radiance;

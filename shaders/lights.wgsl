@@ -1,4 +1,4 @@
-// Lights without extent on SBRDF materials, any number of lobes and lamps in one pass, with shadows:
+// Lights on SBRDF materials, any number of lobes and lamps in one pass, with shadows:
 // L = sum over lights of (rho_d + sum over lobes of rho_s (wi C' wo)^n) E_l (N . wi)   (4.1), (6.9)
 // Reflectance, not its parameters, is interpolated between texels, unless FILTERING says otherwise. The twin in Rust is
 // host/src/render/lights/cpu.rs; coefficients are laid out by host/src/render/storage.rs. `distant_of`, what is reflected of light
@@ -14,12 +14,13 @@ struct View {
 }
 
 struct Lamp {
-    // Directional: unit vector toward the light, w = 0. Point: position, w = 1.
+    // Directional: unit vector toward the light, w = 0. Point: position, w = 1. Rectangle: centre, w = 2.
     place: vec4f,
-    // Directional: irradiance. Point: intensity.
+    // Directional: irradiance. Point: intensity. Rectangle: radiance.
     power: vec4f,
-    // Normal of a point's surface, whose cosine counts; zero for a light that is the same all round.
-    front: vec4f,
+    // A rectangle's edges; it shines to the side of their cross product.
+    u: vec4f,
+    v: vec4f,
 }
 
 struct Material {
@@ -40,14 +41,27 @@ struct Material {
     mask: vec3u,
     // Most lobes of a texel.
     lobes: u32,
+    // Microfacet terms of every texel.
+    coats: u32,
 }
 
-// A node of the tree of triangles: its box; for leaves the run of triangles, else the first of two children and a count of 0.
+// A node of the tree of triangles, a node's first child after it: its box; for leaves the run of triangles, else a count of 0 and
+// the node that follows its last descendant.
 struct Node {
     low: vec3f,
     first: u32,
     high: vec3f,
     count: u32,
+}
+
+// A triangle in the tree's order.
+struct Leaf {
+    corner: vec3f,
+    triangle: u32,
+    // From the second corner to the first, and from the first to the third.
+    e1: vec3f,
+    object: u32,
+    e2: vec3f,
 }
 
 // 32-bit words of four coefficients: 4 in f32, 2 in f16, 1 in 8 bits.
@@ -63,6 +77,8 @@ override ANISOTROPY: u32 = 16u;
 override SHADOWS: bool = true;
 // Samples a pixel at edges.
 override SAMPLES: u32 = 1u;
+// Samples of a rectangular light along an edge at most.
+override ACROSS: u32 = 4u;
 
 @group(0) @binding(0) var<uniform> view: View;
 @group(0) @binding(1) var<storage, read> lamps: array<Lamp>;
@@ -76,8 +92,7 @@ override SAMPLES: u32 = 1u;
 // Three vertices a triangle.
 @group(0) @binding(6) var<storage, read> triangles: array<u32>;
 @group(0) @binding(7) var<storage, read> nodes: array<Node>;
-// Triangle and object, in the tree's order.
-@group(0) @binding(8) var<storage, read> leaves: array<vec2u>;
+@group(0) @binding(8) var<storage, read> leaves: array<Leaf>;
 
 struct Fragment {
     @builtin(position) clip: vec4f,
@@ -197,9 +212,44 @@ fn lobe_at(at: u32, texel: Texel, brightest: f32) -> Lobe {
     return Lobe(vec4f(mean + along, half_range * texel.sin_2beta, mean - along, c.z), shine.rgb, shine.a);
 }
 
-// The lobes are diagonal but for xy, so products of components are all that they need.
-fn pairs_of(wi: vec3f, wo: vec3f) -> vec4f {
-    return vec4f(wi.x * wo.x, wi.x * wo.y + wi.y * wo.x, wi.y * wo.y, wi.z * wo.z);
+// C' w_o: a lobe's base is its dot product with w_i.
+fn peak_of(lobe: Lobe, wo: vec3f) -> vec3f {
+    return vec3f(lobe.c.x * wo.x + lobe.c.y * wo.y, lobe.c.y * wo.x + lobe.c.z * wo.y, lobe.c.w * wo.z);
+}
+
+// A microfacet term; see host/reflectance/src/microfacet.rs.
+struct Coat {
+    f0: vec3f,
+    f90: vec3f,
+    alpha: f32,
+}
+
+fn coat_at(at: u32, brightest: f32) -> Coat {
+    var f0 = group(at).rgb;
+    var rest = group(at + GROUP);
+    if GROUP == 1u {
+        f0 *= brightest;
+        rest = vec4f(rest.rgb * brightest, rest.a);
+    }
+    return Coat(f0, rest.rgb, rest.a * rest.a);
+}
+
+// Smith's Lambda.
+fn lambda(cosine: f32, alpha: f32) -> f32 {
+    let tan2 = max(1.0 - cosine * cosine, 0.0) / (cosine * cosine);
+    return 0.5 * (sqrt(1.0 + alpha * alpha * tan2) - 1.0);
+}
+
+// Its reflectance, sr^-1, for directions above the surface.
+fn reflected_by(coat: Coat, wi: vec3f, wo: vec3f) -> vec3f {
+    let h = wi + wo;
+    let square = dot(h, h);
+    let alpha2 = coat.alpha * coat.alpha;
+    let width = (h.x * h.x + h.y * h.y + alpha2 * h.z * h.z) / square;
+    let shadowing = 1.0 / (1.0 + lambda(wi.z, coat.alpha) + lambda(wo.z, coat.alpha));
+    let x = max(1.0 - 0.5 * sqrt(square), 0.0);
+    let fresnel = coat.f0 + (coat.f90 - coat.f0) * (x * x * x * x * x);
+    return fresnel * (alpha2 / (3.14159265 * width * width) * shadowing / (4.0 * wi.z * wo.z));
 }
 
 fn power(base: f32, n: f32) -> f32 {
@@ -211,8 +261,8 @@ const TOGETHER = 4u;
 
 // Light at a point.
 struct Lit {
-    // Products of the directions' components, as lobes need them.
-    pairs: array<vec4f, TOGETHER>,
+    wo: vec3f,
+    wi: array<vec3f, TOGETHER>,
     // Irradiance of the surface.
     light: array<vec3f, TOGETHER>,
     // Of all.
@@ -222,19 +272,38 @@ struct Lit {
 
 // Radiance by a lobe.
 fn by_lobe(lobe: Lobe, lit: ptr<function, Lit>) -> vec3f {
+    let peak = peak_of(lobe, (*lit).wo);
     var sum = vec3f(0.0);
     for (var k = 0u; k < (*lit).count; k++) {
-        sum += (*lit).light[k] * power(dot(lobe.c, (*lit).pairs[k]), lobe.n);
+        sum += (*lit).light[k] * power(dot(peak, (*lit).wi[k]), lobe.n);
     }
     return lobe.rho_s * sum;
 }
 
-// Radiance by a texel.
-fn by_texel(index: u32, brightest: f32, lit: ptr<function, Lit>) -> vec3f {
-    var at = starts[index];
+// Words of the microfacet terms at a texel's end.
+fn coat_words(object: u32) -> u32 {
+    return materials[object].coats * 2u * GROUP;
+}
+
+// Radiance by a texel's microfacet terms.
+fn by_coats(object: u32, index: u32, brightest: f32, lit: ptr<function, Lit>) -> vec3f {
+    var radiance = vec3f(0.0);
     let end = starts[index + 1u];
+    for (var at = end - coat_words(object); at < end; at += 2u * GROUP) {
+        let coat = coat_at(at, brightest);
+        for (var k = 0u; k < (*lit).count; k++) {
+            radiance += (*lit).light[k] * reflected_by(coat, (*lit).wi[k], (*lit).wo);
+        }
+    }
+    return radiance;
+}
+
+// Radiance by a texel.
+fn by_texel(object: u32, index: u32, brightest: f32, lit: ptr<function, Lit>) -> vec3f {
+    var at = starts[index];
+    let end = starts[index + 1u] - coat_words(object);
     let texel = texel_at(at, brightest);
-    var radiance = texel.rho_d * (*lit).sum;
+    var radiance = texel.rho_d * (*lit).sum + by_coats(object, index, brightest, lit);
     for (at += GROUP; at < end; at += 2u * GROUP) {
         radiance += by_lobe(lobe_at(at, texel, brightest), lit);
     }
@@ -250,7 +319,12 @@ struct Footprint {
     across: vec2f,
     counts: vec2u,
     level: f32,
+    // Texels that a sample takes: the four around it, or one of them where there are many samples.
+    around: u32,
 }
+
+// Samples from which on one texel each is enough.
+const MANY = 64u;
 
 fn footprint_of(object: u32, uv: vec2f, dx: vec2f, dy: vec2f) -> Footprint {
     let size = vec2f(f32(materials[object].width), f32(materials[object].height));
@@ -259,11 +333,12 @@ fn footprint_of(object: u32, uv: vec2f, dx: vec2f, dy: vec2f) -> Footprint {
     let y = dy * scale;
     let long_x = length(x);
     let long_y = length(y);
-    var out = Footprint(fract(uv * materials[object].tiling) * size, x, y, vec2u(1u), 0.0);
+    var out = Footprint(fract(uv * materials[object].tiling) * size, x, y, vec2u(1u), 0.0, select(1u, 4u, materials[object].bilinear != 0u));
     let most = f32(ANISOTROPY);
     if SHADED {
         if materials[object].width * materials[object].height > 1u {
             out.counts = vec2u(clamp(ceil(vec2f(long_x, long_y)), vec2f(1.0), vec2f(most)));
+            out.around = select(out.around, 1u, out.counts.x * out.counts.y >= MANY);
         }
     } else if materials[object].levels > 0u {
         let longer = max(long_x, long_y);
@@ -282,16 +357,19 @@ struct Tap {
 }
 
 // Number of texels that a footprint takes.
-fn tap_count(object: u32, footprint: Footprint) -> u32 {
+fn tap_count(footprint: Footprint) -> u32 {
     let levels = select(1u, 2u, fract(footprint.level) > 0.0);
-    return footprint.counts.x * footprint.counts.y * levels * select(1u, 4u, materials[object].bilinear != 0u);
+    return footprint.counts.x * footprint.counts.y * levels * footprint.around;
 }
+
+// The additive recurrence of the plane's plastic number, low in discrepancy (Roberts 2018).
+const SPREAD = vec2f(0.7548777, 0.5698403);
 
 fn tap(object: u32, footprint: Footprint, index: u32) -> Tap {
     var rest = index;
     var weight = 1.0;
     var neighbour = 0u;
-    if materials[object].bilinear != 0u {
+    if footprint.around == 4u {
         neighbour = rest & 3u;
         rest >>= 2u;
     }
@@ -317,7 +395,11 @@ fn tap(object: u32, footprint: Footprint, index: u32) -> Tap {
     }
     let place = (footprint.centre + footprint.along * step.x + footprint.across * step.y) / f32(1u << level);
     var corner = floor(place);
-    if materials[object].bilinear != 0u {
+    if SHADED && footprint.around == 1u && materials[object].bilinear != 0u {
+        // Spread over a texel, samples weigh their neighbours as interpolation does in the mean.
+        corner = floor(place + fract(SPREAD * f32(rest)) - 0.5);
+    }
+    if footprint.around == 4u {
         corner = floor(place - 0.5);
         let f = place - 0.5 - corner;
         let right = (neighbour & 1u) != 0u;
@@ -332,13 +414,13 @@ fn tap(object: u32, footprint: Footprint, index: u32) -> Tap {
 // Radiance over a footprint.
 fn by_footprint(object: u32, footprint: Footprint, lit: ptr<function, Lit>) -> vec3f {
     let brightest = materials[object].brightest;
-    let count = tap_count(object, footprint);
+    let count = tap_count(footprint);
     var radiance = vec3f(0.0);
     if !COEFFICIENTS {
         for (var k = 0u; k < count; k++) {
             let one = tap(object, footprint, k);
             if one.weight > 0.0 {
-                radiance += one.weight * by_texel(one.texel, brightest, lit);
+                radiance += one.weight * by_texel(object, one.texel, brightest, lit);
             }
         }
         return radiance;
@@ -351,10 +433,11 @@ fn by_footprint(object: u32, footprint: Footprint, lit: ptr<function, Lit>) -> v
             let one = tap(object, footprint, k);
             let texel = texel_at(starts[one.texel], brightest);
             if j == 0u {
-                radiance += one.weight * texel.rho_d * (*lit).sum;
+                let coats = by_coats(object, one.texel, brightest, lit);
+                radiance += one.weight * (texel.rho_d * (*lit).sum + coats);
             }
             let at = starts[one.texel] + GROUP * (1u + 2u * j);
-            if one.weight > 0.0 && at < starts[one.texel + 1u] {
+            if one.weight > 0.0 && at < starts[one.texel + 1u] - coat_words(object) {
                 let lobe = lobe_at(at, texel, brightest);
                 sum.c += one.weight * lobe.c;
                 sum.rho_s += one.weight * lobe.rho_s;
@@ -388,13 +471,12 @@ fn is_solid(object: u32, uv: vec2f) -> bool {
 }
 
 // Whether a ray meets a triangle where its material is; see render/geometry.rs, intersect.
-fn meets(leaf: vec2u, origin: vec3f, direction: vec3f, reach: f32) -> bool {
+fn meets(index: u32, origin: vec3f, direction: vec3f, reach: f32) -> bool {
     const MARGIN = -1e-6;
-    let a = corner_of(leaf.x, 0u);
-    let e1 = a - corner_of(leaf.x, 1u);
-    let e2 = corner_of(leaf.x, 2u) - a;
+    let e1 = leaves[index].e1;
+    let e2 = leaves[index].e2;
     let normal = cross(e1, e2);
-    let c = a - origin;
+    let c = leaves[index].corner - origin;
     let r = cross(direction, c);
     let inverse = 1.0 / dot(normal, direction);
     let u = dot(r, e2) * inverse;
@@ -403,23 +485,24 @@ fn meets(leaf: vec2u, origin: vec3f, direction: vec3f, reach: f32) -> bool {
     if !(u >= MARGIN && v >= MARGIN && u + v <= 1.0 - MARGIN && t >= 0.0 && t <= reach) {
         return false;
     }
-    if materials[leaf.y].mask.y == 0u {
+    let object = leaves[index].object;
+    if materials[object].mask.y == 0u {
         return true;
     }
-    let corners = vec3u(triangles[3u * leaf.x], triangles[3u * leaf.x + 1u], triangles[3u * leaf.x + 2u]);
+    let first = 3u * leaves[index].triangle;
+    let corners = vec3u(triangles[first], triangles[first + 1u], triangles[first + 2u]);
     let uv = vertices[3u * corners.x + 2u].zw * (1.0 - u - v)
         + vertices[3u * corners.y + 2u].zw * u + vertices[3u * corners.z + 2u].zw * v;
-    return is_solid(leaf.y, uv);
+    return is_solid(object, uv);
 }
 
-// Whether anything lies on a ray from its origin to its reach.
+// Whether anything lies on a ray from its origin to its reach. The nodes' order needs no stack.
 fn occluded(origin: vec3f, direction: vec3f, reach: f32) -> bool {
     let safe = select(direction, vec3f(1e-18), abs(direction) < vec3f(1e-18));
     let inverse = 1.0 / safe;
-    var stack: array<u32, 96>;
-    var depth = 0;
+    let end = arrayLength(&nodes);
     var index = 0u;
-    loop {
+    while index < end {
         let node = nodes[index];
         let a = (node.low - origin) * inverse;
         let b = (node.high - origin) * inverse;
@@ -428,26 +511,76 @@ fn occluded(origin: vec3f, direction: vec3f, reach: f32) -> bool {
         let enters = max(max(near.x, near.y), max(near.z, 0.0));
         // The margin is that of rounding.
         let leaves_at = min(min(far.x, far.y), min(far.z, reach)) * 1.000001;
+        index++;
         if enters <= leaves_at {
-            if node.count == 0u {
-                stack[depth] = node.first + 1u;
-                depth++;
-                index = node.first;
-                continue;
-            }
             for (var k = node.first; k < node.first + node.count; k++) {
-                if meets(leaves[k], origin, direction, reach) {
+                if meets(k, origin, direction, reach) {
                     return true;
                 }
             }
+        } else if node.count == 0u {
+            index = node.first;
         }
-        if depth == 0 {
-            break;
-        }
-        depth--;
-        index = stack[depth];
     }
     return false;
+}
+
+// ---- Lights; see render/shading.rs ----
+
+// A well-mixed function of a 32-bit number; see render/sampler.rs.
+fn hash(number: u32) -> u32 {
+    var x = number;
+    x ^= x >> 16u;
+    x *= 0x7feb352du;
+    x ^= x >> 15u;
+    x *= 0x846ca68bu;
+    return x ^ (x >> 16u);
+}
+
+// One sample of a light as a point sees it.
+struct Seen {
+    toward: vec3f,
+    distance: f32,
+    // On a surface that faces it.
+    irradiance: vec3f,
+    // Samples of this light.
+    count: u32,
+}
+
+// Angle between samples of a rectangle, radians.
+const SAMPLE_ANGLE = 0.1;
+
+// Samples of a rectangle along its edges: by the angle that they span at the distance of its nearest point.
+fn grid_of(lamp: Lamp, to: vec3f) -> vec2u {
+    let squares = vec2f(dot(lamp.u.xyz, lamp.u.xyz), dot(lamp.v.xyz, lamp.v.xyz));
+    let at = clamp(-vec2f(dot(to, lamp.u.xyz), dot(to, lamp.v.xyz)) / squares, vec2f(-0.5), vec2f(0.5));
+    let nearest = to + lamp.u.xyz * at.x + lamp.v.xyz * at.y;
+    let angles = sqrt(squares / max(dot(nearest, nearest), 1e-37));
+    return vec2u(clamp(ceil(angles / SAMPLE_ANGLE), vec2f(1.0), vec2f(f32(ACROSS))));
+}
+
+fn see(lamp: Lamp, point: vec3f, seed: u32, k: u32) -> Seen {
+    if lamp.place.w == 0.0 {
+        return Seen(lamp.place.xyz, 3e38, lamp.power.rgb, 1u);
+    }
+    var to = lamp.place.xyz - point;
+    var count = 1u;
+    if lamp.place.w == 2.0 {
+        let grid = grid_of(lamp, to);
+        count = grid.x * grid.y;
+        // A place within each cell that differs from pixel to pixel.
+        let shift = vec2f(f32(seed & 0xffffu), f32(seed >> 16u)) * (1.0 / 65536.0);
+        let cell = (vec2f(f32(k % grid.x), f32(k / grid.x)) + shift) / vec2f(grid) - 0.5;
+        to += lamp.u.xyz * cell.x + lamp.v.xyz * cell.y;
+    }
+    let square = max(dot(to, to), 1e-37);
+    let toward = to * inverseSqrt(square);
+    var irradiance = lamp.power.rgb / square;
+    if lamp.place.w == 2.0 {
+        // The cross product's length is the area.
+        irradiance *= max(-dot(cross(lamp.u.xyz, lamp.v.xyz), toward), 0.0) / f32(count);
+    }
+    return Seen(toward, sqrt(square), irradiance, count);
 }
 
 // ---- The pass ----
@@ -461,17 +594,22 @@ fn shadow_origin(triangle: u32, position: vec3f, geometric: vec3f) -> vec3f {
     let to = position - a;
     let normal = cross(ab, ac);
     let area = max(dot(normal, normal), 1e-37);
-    let wb = clamp(dot(cross(to, ac), normal) / area, 0.0, 1.0);
-    let wc = clamp(dot(cross(ab, to), normal) / area, 0.0, 1.0);
-    let weights = vec3f(max(1.0 - wb - wc, 0.0), wb, wc);
+    var wb = clamp(dot(cross(to, ac), normal) / area, 0.0, 1.0);
+    var wc = clamp(dot(cross(ab, to), normal) / area, 0.0, 1.0);
+    let whole = max(wb + wc, 1.0);
+    wb /= whole;
+    wc /= whole;
+    let weights = vec3f(1.0 - wb - wc, wb, wc);
+    // Within the triangle: multisampling may place fragments beyond its edges.
+    let place = a + ab * wb + ac * wc;
     var lift = vec3f(0.0);
     for (var k = 0u; k < 3u; k++) {
         let first = vertices[corners[k]];
         var outward = vec3f(first.w, vertices[corners[k] + 1u].xy);
         outward *= select(1.0, -1.0, dot(outward, geometric) < 0.0);
-        lift -= outward * (min(dot(position - first.xyz, outward), 0.0) * weights[k]);
+        lift -= outward * (min(dot(place - first.xyz, outward), 0.0) * weights[k]);
     }
-    return position + lift + geometric * view.offset.x;
+    return place + lift + geometric * view.offset.x;
 }
 
 fn radiance_of(in: Fragment, dx: vec2f, dy: vec2f) -> vec3f {
@@ -493,34 +631,39 @@ fn radiance_of(in: Fragment, dx: vec2f, dy: vec2f) -> vec3f {
 
     var radiance = distant_of(in.object, footprint, frame, wo);
     var lit: Lit;
+    lit.wo = wo;
+    let pixel = hash(u32(in.clip.x) | (u32(in.clip.y) << 16u));
     let lamp_count = u32(view.eye.w);
-    for (var l = 0u; l < lamp_count; l++) {
-        let lamp = lamps[l];
-        var toward = lamp.place.xyz;
-        var irradiance = lamp.power.rgb;
-        var reach = 3e38;
-        if lamp.place.w != 0.0 {
-            let offset = lamp.place.xyz - in.position;
-            let square = max(dot(offset, offset), 1e-37);
-            toward = offset * inverseSqrt(square);
-            irradiance /= square;
-            reach = sqrt(square) * (1.0 - 1e-5) - 3.0 * view.offset.x;
+    var l = 0u;
+    var k = 0u;
+    while l < lamp_count {
+        let seen = see(lamps[l], in.position, hash(pixel ^ ((l << 16u) | k)), k);
+        k++;
+        if k == seen.count {
+            k = 0u;
+            l++;
         }
-        if any(lamp.front.xyz != vec3f(0.0)) {
-            irradiance *= max(-dot(lamp.front.xyz, toward), 0.0);
-        }
-        let wi = toward * frame;
-        var reaches = wi.z > 0.0 && any(irradiance > vec3f(0.0));
+        let wi = seen.toward * frame;
+        var reaches = wi.z > 0.0 && any(seen.irradiance > vec3f(0.0));
         if SHADOWS && reaches {
-            reaches = dot(geometric, toward) > 0.0 && !occluded(origin, toward, reach);
+            // Seen from where the ray starts, a near light has another direction and distance.
+            var direction = seen.toward;
+            var reach = 3e38;
+            if seen.distance < 1e37 {
+                let to = in.position + seen.toward * seen.distance - origin;
+                let distance = length(to);
+                direction = to / distance;
+                reach = distance * (1.0 - 1e-5) - 3.0 * view.offset.x;
+            }
+            reaches = dot(geometric, seen.toward) > 0.0 && !occluded(origin, direction, reach);
         }
         if reaches {
-            lit.pairs[lit.count] = pairs_of(wi, wo);
-            lit.light[lit.count] = irradiance * wi.z;
-            lit.sum += irradiance * wi.z;
+            lit.wi[lit.count] = wi;
+            lit.light[lit.count] = seen.irradiance * wi.z;
+            lit.sum += seen.irradiance * wi.z;
             lit.count++;
         }
-        if lit.count == TOGETHER || (l + 1u == lamp_count && lit.count > 0u) {
+        if lit.count == TOGETHER || (l == lamp_count && lit.count > 0u) {
             radiance += by_footprint(in.object, footprint, &lit);
             lit.count = 0u;
             lit.sum = vec3f(0.0);

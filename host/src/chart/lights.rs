@@ -28,6 +28,7 @@ const PLAIN: Settings = Settings {
     anisotropy: 16,
     storage: Storage::F32,
     shadows: false,
+    light_samples: 1,
 };
 
 /// The scene with a map of `lobes` lobes a texel on every object, all maps different, and with `count` lights.
@@ -100,7 +101,8 @@ pub fn chart(scene: &Scene, frames: u32) -> Result<Chart> {
         title: "Speed of the lights renderer".into(),
         lead: format!(
             "{triangles} triangles in {} objects, each with a map of its own, at {} × {} pixels and four samples a pixel where nothing else is said. The \
-             least of {ROUNDS} times {frames} frames, without reading pictures back, on {}. Of a driver in software only the ratios count.",
+             least of {ROUNDS} times {frames} frames, of fewer where they take over a second, without reading pictures back, on {}. Of a driver in software \
+             seconds are CPU time, and only ratios count.",
             scene.objects.len(),
             scene.camera.width,
             scene.camera.height,

@@ -73,6 +73,9 @@ pub(super) struct LightsArgs {
     /// How coefficients are stored on the GPU [default: f32]
     #[arg(long, value_enum)]
     storage: Option<Storage>,
+    /// Samples of a rectangular light at most, for a pixel that sees it large; fewer from afar [default: 64]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=4096))]
+    light_samples: Option<u32>,
     /// Leaves shadows out
     #[arg(long)]
     no_shadows: bool,
@@ -84,11 +87,12 @@ impl RenderArgs {
     /// # Errors
     /// An input error for options of `lights` with another method.
     fn lights(&self) -> Result<lights::Settings> {
-        let LightsArgs { filter, anisotropy, storage, no_shadows } = self.lights;
-        let given = filter.is_some() || anisotropy.is_some() || storage.is_some() || no_shadows;
+        let LightsArgs { filter, anisotropy, storage, light_samples, no_shadows } = self.lights;
+        let numbers = anisotropy.is_some() || light_samples.is_some();
+        let given = filter.is_some() || numbers || storage.is_some() || no_shadows;
         if given && self.method != Method::Lights {
             return Err(Error::input(
-                "--filter, --anisotropy, --storage and --no-shadows go with --method lights",
+                "--filter, --anisotropy, --storage, --light-samples and --no-shadows go with --method lights",
             ));
         }
         let base = lights::Settings::default();
@@ -98,6 +102,7 @@ impl RenderArgs {
             anisotropy: anisotropy.unwrap_or(base.anisotropy),
             storage: storage.unwrap_or(base.storage),
             shadows: !no_shadows,
+            light_samples: light_samples.unwrap_or(base.light_samples),
         })
     }
 

@@ -8,7 +8,7 @@ use super::blend::blend;
 use crate::fit::mip;
 use crate::fit::texel::Workspace;
 use crate::progress;
-use crate::reflectance::{Lobe, LobeBrdf, SbrdfMap};
+use crate::reflectance::{Lobe, LobeBrdf, Microfacet, Rgb, SbrdfMap};
 
 /// The texels of a map that a level's texel stands for.
 pub fn beneath(map: &SbrdfMap, level: u32, texel: usize) -> Vec<LobeBrdf> {
@@ -67,6 +67,17 @@ pub fn average(parts: &[(f32, &LobeBrdf)]) -> LobeBrdf {
             rho_s: have().map(|(weight, lobe)| weight * lobe.rho_s).sum(),
             c: have().map(|(weight, lobe)| weight * lobe.c).sum::<Vec3>() / whole,
             n: have().map(|(weight, lobe)| weight * lobe.n).sum::<f32>() / whole,
+        });
+    }
+    let coats = parts.iter().map(|(_, brdf)| brdf.microfacets.len()).max().unwrap_or(0);
+    for place in 0..coats {
+        let have = || parts.iter().filter_map(|(weight, brdf)| Some((*weight, brdf.microfacets.get(place)?)));
+        let whole: f32 = have().map(|(weight, _)| weight).sum();
+        let sum = |of: fn(&Microfacet) -> Rgb| have().map(|(weight, coat)| weight * of(coat)).sum();
+        mean.microfacets.push(Microfacet {
+            f0: sum(|coat| coat.f0),
+            f90: sum(|coat| coat.f90),
+            alpha: have().map(|(weight, coat)| weight * coat.alpha).sum::<f32>() / whole,
         });
     }
     mean

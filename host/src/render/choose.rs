@@ -2,7 +2,7 @@
 //!
 //! A small view of the scene is rendered with every setting and judged by three pictures of the reference with seeds of their
 //! own, whose noise cancels (`compare::relative_rmse_by`). A raster keeps its error in
-//! a larger picture and takes time by the pixel; the path tracer's error falls with the root of its samples. What is
+//! a larger picture and takes a time of its own, for triangles and texels, and time by the pixel, told apart by a second view; the path tracer's error falls with the root of its samples. What is
 //! predicted to meet the bound is tried, cheapest first, on the view itself and judged in the same way; what is left at the
 //! end is the reference with as many samples as its own variance asks for. Errors are relative RMSE ([`compare::Errors`]).
 
@@ -19,6 +19,8 @@ use crate::scene::{Camera, Scene};
 const MAP_ERROR: f32 = 0.03;
 /// Pixels a row of the small view at most.
 const SMALL_WIDTH: u32 = 64;
+/// Pixels a row of the second view, as a multiple of the small one's.
+const LARGER: u32 = 2;
 /// Samples a pixel of the pictures that judge the small view.
 const SMALL_SAMPLES: u32 = 64;
 /// Samples a pixel of the pictures that judge the view itself: so few, since the mean is over many pixels.
@@ -73,6 +75,8 @@ struct Candidate<'a> {
     /// For the path tracer.
     paths: reference::Settings,
     prepare_seconds: f64,
+    /// Seconds a view whatever its size.
+    view_seconds: f64,
     /// Seconds a pixel, and sample of the path tracer.
     seconds: f64,
     /// Error that more samples do not lower.
@@ -151,6 +155,7 @@ impl<'a> Model<'a> {
                 prepared: None,
                 paths,
                 prepare_seconds: rendering.cost.prepare_seconds,
+                view_seconds: 0.0,
                 seconds: rendering.cost.render_seconds / (pixels * samples),
                 bias: (error * error - noise * noise).max(0.0).sqrt(),
                 noise: noise * samples.sqrt(),
@@ -161,17 +166,21 @@ impl<'a> Model<'a> {
                 // The first view also pays for what is made once, such as a driver's compiled shaders.
                 prepared.view(&view)?;
                 let rendering = prepared.view(&view)?;
-                Ok((prepared, rendering))
+                let larger = Camera { width: LARGER * view.width, height: LARGER * view.height, ..view };
+                let more = prepared.view(&larger)?.cost.render_seconds - rendering.cost.render_seconds;
+                let seconds = more.max(0.0) / (pixels * f64::from(LARGER * LARGER - 1));
+                Ok((prepared, rendering, seconds))
             });
             bar.advance(1);
             match rendered {
-                Ok((prepared, rendering)) => model.candidates.push(Candidate {
+                Ok((prepared, rendering, seconds)) => model.candidates.push(Candidate {
                     method,
                     name: name.into(),
                     prepared: Some(prepared.into()),
                     paths: base,
                     prepare_seconds: rendering.cost.prepare_seconds,
-                    seconds: rendering.cost.render_seconds / pixels,
+                    view_seconds: (rendering.cost.render_seconds - seconds * pixels).max(0.0),
+                    seconds,
                     bias: compare::relative_rmse_by(&judges, &rendering.picture),
                     noise: 0.0,
                 }),
@@ -260,7 +269,7 @@ impl Candidate<'_> {
         let mut tried = Tried {
             method: self.method,
             name: self.name.clone(),
-            predicted: [self.prepare_seconds + self.seconds * pixels, self.bias],
+            predicted: [self.prepare_seconds + self.view_seconds + self.seconds * pixels, self.bias],
             actual: None,
         };
         if self.prepared.is_some() {

@@ -172,8 +172,16 @@ impl Geometry {
 
     /// Whether anything lies between a surface point and just before `distance` along a unit direction.
     pub(crate) fn occluded(&self, surface: &Surface, direction: Vec3, distance: f32) -> bool {
-        let reach = distance - 3.0 * self.offset - distance.min(f32::MAX) * 1e-5;
         let origin = self.leaving(surface);
+        // Seen from where the ray starts, a near light has another direction and distance.
+        let (direction, distance) = if distance.is_finite() {
+            let to = surface.position + direction * distance - origin;
+            let length = to.length();
+            (to / length, length)
+        } else {
+            (direction, distance)
+        };
+        let reach = distance - 3.0 * self.offset - distance.min(f32::MAX) * 1e-5;
         self.bvh.any(origin, direction, reach, |triangle, distance| {
             self.solid(triangle, || origin + direction * distance)
         })
@@ -313,5 +321,22 @@ mod tests {
         // From outside at the hole at 135° the far wall at 315° is open too.
         let hit = geometry.nearest(toward(135.0) * 3.0, -toward(135.0));
         assert!(hit.is_none(), "{hit:?}");
+    }
+
+    #[test]
+    fn a_light_does_not_shade_the_smooth_surfaces_below_it() {
+        let mut scene = sphere_scene();
+        let centre = Vec3::new(0.3, 1.3, 0.2);
+        let edges = [Vec3::X, Vec3::Z];
+        scene.lights = vec![crate::scene::Light::Rectangle { centre, edges, radiance: Rgb::ONE }];
+        let geometry = Geometry::new(&scene);
+        for k in 0..1000 {
+            let (x, z) = (0.6 * (k % 40) as f32 / 40.0 - 0.3, 0.6 * (k / 40) as f32 / 25.0 - 0.3);
+            let origin = Vec3::new(x, 1.2, z);
+            let hit = geometry.nearest(origin, Vec3::NEG_Y).unwrap();
+            let surface = geometry.surface(&hit, origin, Vec3::NEG_Y);
+            let to = centre + edges[0] * (x * 1.5) - surface.position;
+            assert!(!geometry.occluded(&surface, to.normalize(), to.length()), "{x} {z}");
+        }
     }
 }

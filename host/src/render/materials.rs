@@ -66,8 +66,8 @@ pub(crate) struct Materials {
     pub(crate) materials: Vec<PackedMaterial>,
     pub(crate) texels: Vec<PackedTexel>,
     pub(crate) lobes: Vec<PackedLobe>,
-    /// Microfacet terms of the few texels that have any; not uploaded.
-    microfacets: HashMap<u32, Vec<Microfacet>>,
+    /// Microfacet terms of the texels that have any.
+    pub(crate) microfacets: HashMap<u32, Vec<Microfacet>>,
 }
 
 impl Materials {
@@ -209,7 +209,7 @@ impl PackedMaterial {
     }
 
     /// Texel index of a column and a row of a level, which wrap around.
-    fn index(&self, level: u32, x: i64, y: i64) -> u32 {
+    pub(crate) fn index(&self, level: u32, x: i64, y: i64) -> u32 {
         let size = |level| mip::size([self.width as usize, self.height as usize], level);
         let before: usize = (0..level).map(|level| size(level).iter().product::<usize>()).sum();
         let [width, height] = size(level).map(|edge| edge as i64);
@@ -287,11 +287,21 @@ impl Shader {
     /// [`Self::density`].
     pub(crate) fn aim(&mut self, materials: &Materials, texel: u32, wo: Vec3, sampling: bool) {
         self.aim_lobes(materials.rho_d(texel), materials.lobes_of(texel), wo);
-        if let Some(coats) = materials.microfacets.get(&texel) {
-            self.microfacets.extend(coats.iter().map(|&coat| AimedMicrofacet { coat, share: 0.0 }));
-        }
+        self.add_coats(materials, texel);
         if sampling {
             self.share();
+        }
+    }
+
+    /// Takes a texel's microfacet terms alone and an exitant direction, to be evaluated.
+    pub(crate) fn aim_coats(&mut self, materials: &Materials, texel: u32, wo: Vec3) {
+        self.aim_lobes(Rgb::ZERO, &[], wo);
+        self.add_coats(materials, texel);
+    }
+
+    fn add_coats(&mut self, materials: &Materials, texel: u32) {
+        if let Some(coats) = materials.microfacets.get(&texel) {
+            self.microfacets.extend(coats.iter().map(|&coat| AimedMicrofacet { coat, share: 0.0 }));
         }
     }
 

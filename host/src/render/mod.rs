@@ -5,7 +5,7 @@
 //! |---|---|---|
 //! | `reference` | all lights, environment, shadows, interreflection | CPU |
 //! | `environment` | environment by prefiltered maps (6.13)–(6.18), lights as in `lights`, with their shadows on the GPU | CPU or GPU |
-//! | `lights` | point, directional, rectangular as points (6.9), with shadows | GPU |
+//! | `lights` | point, directional, rectangular (6.9), with shadows | GPU |
 
 mod bvh;
 pub mod choose;
@@ -134,16 +134,6 @@ impl Method {
     }
 }
 
-/// Refuses a scene with microfacet terms for a method that draws lobes alone.
-fn lobes_only(scene: &Scene, method: &str) -> Result<()> {
-    match scene.objects.iter().position(|object| object.material.has_microfacets()) {
-        Some(object) => Err(crate::error::Error::input(format!(
-            "object {object}: its material has a microfacet term, which `{method}` does not draw; use --method reference"
-        ))),
-        None => Ok(()),
-    }
-}
-
 /// A scene made ready, the method that did, and why another was passed over.
 pub struct Chosen<'a> {
     /// Ready to render views.
@@ -182,35 +172,10 @@ pub fn prepare<'a>(scene: &'a Scene, method: Method, settings: &Settings) -> Res
         Method::Auto if scene.environment.is_some() => {
             reference(Some("the scene has an environment, which `lights` does not render".into()))
         }
-        Method::Auto if lobes_only(scene, "lights").is_err() => {
-            reference(Some("the scene has a microfacet term, which `lights` does not render".into()))
-        }
         Method::Auto => match lights() {
             Ok(prepared) => Ok(Chosen { prepared, method: Method::Lights, note: None }),
             Err(error) if error.kind() == Kind::Input => Err(error),
             Err(error) => reference(Some(error.to_string())),
         },
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::reflectance::{LobeBrdf, Microfacet, Rgb};
-    use crate::scene::{Material, showcase};
-
-    #[test]
-    fn a_microfacet_term_is_refused_by_lobe_renderers_and_auto_takes_the_reference() {
-        let mut scene = showcase::published(8, 8);
-        scene.environment = None;
-        let coat = Microfacet { f0: Rgb::splat(0.04), f90: Rgb::ONE, alpha: 0.1 };
-        let brdf = LobeBrdf { microfacets: vec![coat], ..LobeBrdf::diffuse(Rgb::splat(0.2)) };
-        scene.objects[0].material = Material::uniform(brdf);
-        let settings = Settings::default();
-        for method in [Method::Lights, Method::Environment] {
-            let error = prepare(&scene, method, &settings).map(|_| ()).unwrap_err();
-            assert!(error.to_string().contains("microfacet") && error.exit_code() == 2, "{error}");
-        }
-        assert_eq!(prepare(&scene, Method::Auto, &settings).unwrap().method, Method::Reference);
     }
 }

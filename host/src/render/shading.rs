@@ -1,58 +1,44 @@
-//! Reflection of lights without extent at a surface point: L = Σ_l f(ω_l, ω_o) L_l (N·ω_l) (6.9).
+//! Reflection of lights at a surface point: L = Σ_l f(ω_l, ω_o) L_l (N·ω_l) (6.9), rectangular ones by samples of their surface.
 
 use bytemuck::{Pod, Zeroable};
 use glam::{Vec3, Vec4};
 
 use super::geometry::Surface;
 use super::materials::Shader;
+use super::sampler::hash;
 use crate::reflectance::Rgb;
 use crate::scene::{Background, Camera, Light, Scene};
 
-/// A light without extent, in one layout for CPU and shader.
+/// A light in one layout for CPU and shader.
 #[derive(Debug, Clone, Copy, Pod, Zeroable)]
 #[repr(C)]
 pub(crate) struct Lamp {
-    /// Directional: unit vector toward the light, w = 0. Point: position, w = 1.
+    /// Directional: unit vector toward the light, w = 0. Point: position, w = 1. Rectangle: centre, w = 2.
     place: Vec4,
-    /// Directional: irradiance. Point: intensity.
+    /// Directional: irradiance. Point: intensity. Rectangle: radiance.
     power: Vec4,
-    /// Normal of a point's surface, whose cosine counts; zero for a light that is the same all round.
-    front: Vec4,
+    /// A rectangle's edges; it shines to the side of their cross product.
+    edges: [Vec4; 2],
 }
 
-/// A scene's lights without extent; a rectangle becomes `across` × `across` points of its surface.
-pub(crate) fn lamps(lights: &[Light], across: u32) -> Vec<Lamp> {
-    let mut lamps = Vec::new();
-    for light in lights {
-        match *light {
-            Light::Directional { toward, irradiance } => lamps.push(Lamp {
-                place: toward.extend(0.0),
-                power: irradiance.extend(0.0),
-                front: Vec4::ZERO,
-            }),
-            Light::Point { position, intensity } => lamps.push(Lamp {
-                place: position.extend(1.0),
-                power: intensity.extend(0.0),
-                front: Vec4::ZERO,
-            }),
-            Light::Rectangle { centre, edges: [u, v], radiance } => {
-                let cross = u.cross(v);
-                let part = (across * across) as f32;
-                let offset = |k: u32| (k as f32 + 0.5) / across as f32 - 0.5;
-                for (i, j) in (0..across).flat_map(|i| (0..across).map(move |j| (i, j))) {
-                    lamps.push(Lamp {
-                        place: (centre + u * offset(i) + v * offset(j)).extend(1.0),
-                        power: (radiance * (cross.length() / part)).extend(0.0),
-                        front: cross.normalize().extend(0.0),
-                    });
-                }
-            }
-        }
-    }
-    lamps
+/// A scene's lights.
+pub(crate) fn lamps(lights: &[Light]) -> Vec<Lamp> {
+    let lamp = |place: Vec3, w: f32, power: Rgb, edges: [Vec3; 2]| Lamp {
+        place: place.extend(w),
+        power: power.extend(0.0),
+        edges: edges.map(|edge| edge.extend(0.0)),
+    };
+    let none = [Vec3::ZERO; 2];
+    (lights.iter())
+        .map(|light| match *light {
+            Light::Directional { toward, irradiance } => lamp(toward, 0.0, irradiance, none),
+            Light::Point { position, intensity } => lamp(position, 1.0, intensity, none),
+            Light::Rectangle { centre, edges, radiance } => lamp(centre, 2.0, radiance, edges),
+        })
+        .collect()
 }
 
-/// A light as a point sees it.
+/// A light, or a place on it, as a point sees it.
 pub(crate) struct Seen {
     /// Unit vector toward the light.
     pub(crate) toward: Vec3,
@@ -62,38 +48,80 @@ pub(crate) struct Seen {
     pub(crate) irradiance: Rgb,
 }
 
-/// Direction, distance and irradiance of a light at a point.
-pub(crate) fn see(lamp: &Lamp, point: Vec3) -> Seen {
-    if lamp.place.w == 0.0 {
-        let toward = lamp.place.truncate();
-        return Seen { toward, distance: f32::INFINITY, irradiance: lamp.power.truncate() };
+/// Angle between samples of a rectangular light, radians.
+const SAMPLE_ANGLE: f32 = 0.1;
+
+impl Lamp {
+    /// Samples of a rectangle along its edges: by the angle that they span at the distance of its nearest point, `across` at most.
+    fn grid(&self, point: Vec3, across: u32) -> [u32; 2] {
+        if self.place.w != 2.0 {
+            return [1, 1];
+        }
+        let edges = self.edges.map(Vec4::truncate);
+        let to = self.place.truncate() - point;
+        let nearest = edges.iter().fold(to, |nearest, &edge| {
+            nearest + edge * (-to.dot(edge) / edge.length_squared()).clamp(-0.5, 0.5)
+        });
+        let square = nearest.length_squared().max(f32::MIN_POSITIVE);
+        edges.map(|edge| {
+            let angle = (edge.length_squared() / square).sqrt();
+            (angle / SAMPLE_ANGLE).ceil().clamp(1.0, across as f32) as u32
+        })
     }
-    let to = lamp.place.truncate() - point;
-    let square = to.length_squared().max(f32::MIN_POSITIVE);
-    let distance = square.sqrt();
-    let toward = to / distance;
-    let front = lamp.front.truncate();
-    let cosine = if front == Vec3::ZERO { 1.0 } else { (-front.dot(toward)).max(0.0) };
-    Seen { toward, distance, irradiance: lamp.power.truncate() * (cosine / square) }
+
+    /// Direction, distance and irradiance at a point: of a rectangle's part in cell `k` of a grid, at a place in the cell that the
+    /// seed gives.
+    fn see(&self, point: Vec3, [columns, rows]: [u32; 2], k: u32, seed: u32) -> Seen {
+        if self.place.w == 0.0 {
+            return Seen {
+                toward: self.place.truncate(),
+                distance: f32::INFINITY,
+                irradiance: self.power.truncate(),
+            };
+        }
+        let mut to = self.place.truncate() - point;
+        let [u, v] = self.edges.map(Vec4::truncate);
+        if self.place.w == 2.0 {
+            let cell = |at: u32, shift: u32, count: u32| {
+                (at as f32 + shift as f32 * (1.0 / 65536.0)) / count as f32 - 0.5
+            };
+            to += u * cell(k % columns, seed & 0xffff, columns) + v * cell(k / columns, seed >> 16, rows);
+        }
+        let square = to.length_squared().max(f32::MIN_POSITIVE);
+        let distance = square.sqrt();
+        let toward = to / distance;
+        let mut irradiance = self.power.truncate() / square;
+        if self.place.w == 2.0 {
+            // The cross product's length is the area.
+            irradiance *= (-u.cross(v).dot(toward)).max(0.0) / (columns * rows) as f32;
+        }
+        Seen { toward, distance, irradiance }
+    }
 }
 
-/// Radiance reflected toward the viewer from all lamps that `visible` lets through.
+/// Radiance reflected toward the viewer from all lamps, rectangles by `across` samples along an edge at most, as far as `visible`
+/// lets it through. The seed, a pixel's, moves the samples.
 pub(crate) fn reflect_lights(
     lamps: &[Lamp],
+    across: u32,
+    seed: u32,
     surface: &Surface,
     shader: &Shader,
     mut visible: impl FnMut(&Seen) -> bool,
 ) -> Rgb {
     let mut radiance = Rgb::ZERO;
-    for lamp in lamps {
-        let seen = see(lamp, surface.position);
-        let wi = surface.to_local(seen.toward);
-        if wi.z <= 0.0 {
-            continue;
-        }
-        let reflected = shader.eval(wi) * seen.irradiance * wi.z;
-        if reflected != Rgb::ZERO && visible(&seen) {
-            radiance += reflected;
+    for (index, lamp) in (0u32..).zip(lamps) {
+        let grid = lamp.grid(surface.position, across);
+        for k in 0..grid[0] * grid[1] {
+            let seen = lamp.see(surface.position, grid, k, hash(seed ^ (index << 16 | k)));
+            let wi = surface.to_local(seen.toward);
+            if wi.z <= 0.0 {
+                continue;
+            }
+            let reflected = shader.eval(wi) * seen.irradiance * wi.z;
+            if reflected != Rgb::ZERO && visible(&seen) {
+                radiance += reflected;
+            }
         }
     }
     radiance

@@ -1,12 +1,13 @@
 //! Coefficients in fewer bits (stability case G15): f16 and 8 bits against f32. What is written here shaders/lights.wgsl reads.
 //!
-//! A texel is a header (ρ_d and β as tan β/2) and its lobes (ρ_s and n; C and nothing): groups of four values.
+//! A texel is a header (ρ_d and β as tan β/2), its lobes (ρ_s and n; C and nothing) and its microfacet terms (f0 and nothing; f90 and
+//! the roughness √α): groups of four values.
 
 use std::f32::consts::PI;
 
 use exr::prelude::f16;
 
-use crate::reflectance::{Lobe, LobeBrdf, Rgb, SbrdfMap};
+use crate::reflectance::{Lobe, LobeBrdf, Microfacet, Rgb, SbrdfMap};
 use crate::scene::{Material, Reflectance, Scene};
 
 /// Bounds of the logarithmic 8-bit exponent.
@@ -38,6 +39,8 @@ enum Kind {
     Exponent,
     /// tan β/2, for β within ±90°.
     Beta,
+    /// √α.
+    Roughness,
 }
 
 impl Storage {
@@ -84,6 +87,7 @@ impl Storage {
         match (kind, self.is_scaled()) {
             (Kind::Albedo, false) => ([0.0, 1.0], 255.0),
             (Kind::Albedo, true) => ([0.0, brightest], 255.0),
+            (Kind::Roughness, _) => ([0.0, 1.0], 255.0),
             (Kind::Exponent, false) => ([0.0, 255.0], 255.0),
             (Kind::Exponent, true) => (LOG_EXPONENT.map(f32::ln), 255.0),
             (Kind::C, false) => ([-1.0, 1.0], 255.0),
@@ -133,11 +137,16 @@ impl Storage {
                 n: through(Kind::Exponent)(n),
             }
         };
+        let coat = |coat: &Microfacet| Microfacet {
+            f0: coat.f0.map(through(Kind::Albedo)),
+            f90: coat.f90.map(through(Kind::Albedo)),
+            alpha: through(Kind::Roughness)(coat.alpha.sqrt()).powi(2),
+        };
         LobeBrdf {
             rho_d: brdf.rho_d.map(through(Kind::Albedo)),
             beta: 2.0 * through(Kind::Beta)(half_tangent(brdf.beta)).atan(),
             lobes: brdf.lobes.iter().map(lobe).collect(),
-            ..LobeBrdf::default()
+            microfacets: brdf.microfacets.iter().map(coat).collect(),
         }
     }
 
@@ -159,6 +168,12 @@ impl Storage {
             group([r, g, b, (Kind::Exponent, lobe.n)]);
             let [x, y, z] = lobe.c.to_array().map(|c| (Kind::C, c));
             group([x, y, z, (Kind::C, 0.0)]);
+        }
+        for coat in &stored.microfacets {
+            let [r, g, b] = albedo(coat.f0);
+            group([r, g, b, (Kind::Albedo, 0.0)]);
+            let [r, g, b] = albedo(coat.f90);
+            group([r, g, b, (Kind::Roughness, coat.alpha.sqrt())]);
         }
     }
 
@@ -206,7 +221,8 @@ fn scaled(lobe: &Lobe) -> Lobe {
 /// The largest albedo factor of a BRDF after scaling C.
 pub(crate) fn brightest(brdf: &LobeBrdf) -> f32 {
     let lobes = brdf.lobes.iter().map(|lobe| scaled(lobe).rho_s.max_element());
-    lobes.fold(brdf.rho_d.max_element(), f32::max)
+    let coats = brdf.microfacets.iter().map(|coat| coat.f0.max(coat.f90).max_element());
+    lobes.chain(coats).fold(brdf.rho_d.max_element(), f32::max)
 }
 
 /// The largest albedo factor of a material, its levels included.

@@ -267,14 +267,6 @@ impl Material {
         }
     }
 
-    /// Whether there is a microfacet term, which only the reference renders.
-    pub fn has_microfacets(&self) -> bool {
-        match &self.reflectance {
-            Reflectance::Uniform(brdf) => !brdf.microfacets.is_empty(),
-            Reflectance::Map(map) => !map.microfacets.is_empty(),
-        }
-    }
-
     /// Refuses coefficients that no renderer can evaluate.
     fn check_map(reflectance: &Reflectance) -> Result<()> {
         let number = |texel: usize, what: &str| Error::input(format!("material, texel {texel}: {what}"));

@@ -3,10 +3,11 @@
 //! L(ω_r) ≈ ρ_d D(N) + Σ_j ρ_s,j |p_j|^n_j S(p_j / |p_j|, n_j) H,  p_j = C'_j ω_r
 //!
 //! with H the cosine at the lobe's peak (6.18), or corrected for the horizon (module `horizon`). No shadows and no interreflection
-//! of that light. Lights without extent are added as in `lights`. On the CPU a ray is cast a sample; on the GPU the raster of
+//! of that light; microfacet terms by module `coats`. Lights are added as in `lights`. On the CPU a ray is cast a sample; on the GPU the raster of
 //! `lights` draws, with shaders/environment.wgsl for the light from afar.
 
 mod accuracy;
+mod coats;
 mod gpu;
 mod harmonics;
 mod horizon;
@@ -28,14 +29,15 @@ pub(crate) use prefilter::Prefiltered;
 use super::geometry::{Geometry, Surface};
 use super::gpu::Gpu;
 use super::image::Picture;
-use super::materials::{Materials, Shader};
+use super::materials::{AimedMicrofacet, Materials, Shader};
 use super::sampler::{self, hash};
 use super::shading::{self, Lamp, Rays};
-use super::{Cost, Prepared, Renderer, Rendering, math};
+use super::{Cost, Prepared, Renderer, Rendering, lights, math};
 use crate::error::{Error, Result};
 use crate::reflectance::Rgb;
 use crate::scene::environment::direction_of;
 use crate::scene::{Camera, Environment, Scene};
+use coats::{Coats, Part};
 use harmonics::Harmonics;
 use horizon::{Clipped, Horizon};
 
@@ -85,7 +87,6 @@ impl Settings {
 impl Renderer for Settings {
     fn prepare<'a>(&self, scene: &'a Scene) -> Result<Box<dyn Prepared + 'a>> {
         scene.check()?;
-        super::lobes_only(scene, "environment")?;
         self.check()?;
         let start = Instant::now();
         if self.gpu {
@@ -98,7 +99,7 @@ impl Renderer for Settings {
             scene,
             settings: *self,
             geometry: Geometry::new(scene),
-            lamps: shading::lamps(&scene.lights, super::lights::POINTS_ACROSS),
+            lamps: shading::lamps(&scene.lights),
             materials,
             light,
             prepare_seconds: start.elapsed().as_secs_f64(),
@@ -146,6 +147,8 @@ struct Light {
     maps: Prefiltered,
     harmonics: Option<Harmonics>,
     horizon: Option<&'static Horizon>,
+    /// Where there are microfacet terms.
+    coats: Option<&'static Coats>,
 }
 
 impl Light {
@@ -159,7 +162,11 @@ impl Light {
         settings: &Settings,
         gpu: Option<&Gpu>,
     ) -> Result<Self> {
-        let exponents = materials.lobes.iter().map(|lobe| lobe.n);
+        let coats = (!materials.microfacets.is_empty()).then(Coats::table);
+        let of_coats = coats.into_iter().flat_map(|table| {
+            materials.microfacets.values().flatten().flat_map(|coat| table.exponents(coat.alpha))
+        });
+        let exponents = materials.lobes.iter().map(|lobe| lobe.n).chain(of_coats);
         let (low, high) = exponents.fold((f32::INFINITY, 0.0f32), |(a, b), n| (a.min(n), b.max(n)));
         let range = match (low <= high, settings.horizon) {
             (false, _) => (1.0, 1.0),
@@ -177,6 +184,7 @@ impl Light {
             maps: maps?,
             harmonics: settings.harmonics.then(|| Harmonics::new(environment)),
             horizon: settings.horizon.then(Horizon::table),
+            coats,
         })
     }
 
@@ -201,6 +209,18 @@ impl Light {
                 let part = factor * (n + 1.0) / (lobe.n + 1.0);
                 radiance += lobe.rho_s * light * (math::powf(length, lobe.n) * part);
             }
+        }
+        for AimedMicrofacet { coat, .. } in &shader.microfacets {
+            let gathered = self.coats.unwrap_or_else(Coats::table).at(shader.wo.z, coat.alpha);
+            let away = -shader.wo.truncate().normalize_or_zero();
+            let light = gathered.lobes.map(|Part { share, angle, n }| {
+                let (sin, cos) = angle.sin_cos();
+                let n = self.maps.nearest(n);
+                let even = (n + 1.0) / std::f32::consts::TAU;
+                share * even * self.maps.lobe(surface.to_world((away * sin).extend(cos)), n)
+            });
+            let [f0, f90] = gathered.albedo;
+            radiance += (coat.f0 * f0 + coat.f90 * f90) * (light[0] + light[1]);
         }
         radiance
     }
@@ -231,7 +251,13 @@ struct Ready<'a> {
 
 impl Ready<'_> {
     /// Radiance along a camera ray, and coverage.
-    fn shade(&self, origin: Vec3, direction: Vec3, choice: [f32; 2], shader: &mut Shader) -> Vec4 {
+    fn shade(
+        &self,
+        [origin, direction]: [Vec3; 2],
+        choice: [f32; 2],
+        seed: u32,
+        shader: &mut Shader,
+    ) -> Vec4 {
         let Some(hit) = self.geometry.nearest(origin, direction) else {
             return shading::background(self.scene, direction).extend(0.0);
         };
@@ -243,7 +269,8 @@ impl Ready<'_> {
         let surface = self.geometry.surface(&hit, direction);
         let texel = self.materials.choose(object, surface.uv, choice);
         shader.aim(&self.materials, texel, surface.to_local(-direction), false);
-        let mut radiance = shading::reflect_lights(&self.lamps, &surface, shader, |_| true);
+        let across = lights::Settings::default().across();
+        let mut radiance = shading::reflect_lights(&self.lamps, across, seed, &surface, shader, |_| true);
         if let Some(light) = &self.light {
             radiance += light.reflected(&surface, shader);
         }
@@ -263,7 +290,8 @@ impl Prepared for Ready<'_> {
             for sample in 0..samples {
                 let [x, y] = sampler::point(seed, sample, 0);
                 let direction = rays.direction((index % width) as f32 + x, (index / width) as f32 + y);
-                *pixel += self.shade(rays.origin, direction, sampler::point(seed, sample, 1), shader);
+                let choice = sampler::point(seed, sample, 1);
+                *pixel += self.shade([rays.origin, direction], choice, hash(seed ^ hash(sample)), shader);
             }
             *pixel /= samples as f32;
         });

@@ -6,7 +6,7 @@ use bytemuck::{Pod, Zeroable};
 use glam::Vec4;
 use wgpu::BufferUsages;
 
-use super::{Horizon, Light, Settings};
+use super::{Coats, Horizon, Light, Settings};
 use crate::error::Result;
 use crate::render::Prepared;
 use crate::render::gpu::Gpu;
@@ -70,6 +70,7 @@ fn upload(gpu: &Gpu, light: &Light) -> Result<Distant> {
         gpu.buffer("maps", &places, BufferUsages::STORAGE)?,
         gpu.buffer("pixels", &pixels, BufferUsages::STORAGE)?,
         gpu.buffer("clipped", &clipped, BufferUsages::STORAGE)?,
+        gpu.buffer("coats", light.coats.map_or(&[][..], Coats::packed), BufferUsages::STORAGE)?,
     ];
     Ok(Distant { shader: SHADER, buffers })
 }
@@ -77,12 +78,14 @@ fn upload(gpu: &Gpu, light: &Light) -> Result<Distant> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::reflectance::{LobeBrdf, Microfacet, Rgb};
     use crate::render::Renderer;
     use crate::render::environment::Encoding;
     use crate::render::lights::cpu;
-    use crate::scene::showcase;
+    use crate::scene::{Material, showcase};
 
-    /// The showcase under a turned sky with a small bright spot, without lamps, at the edges of whose shadows the two may differ.
+    /// The showcase, one of its materials with a microfacet term, under a turned sky with a small bright spot, without lamps, at the
+    /// edges of whose shadows the two may differ.
     fn scene() -> Scene {
         let mut scene = showcase::published(120, 90);
         let sky = crate::scene::Environment::from_function(64, 32, |d| {
@@ -91,6 +94,9 @@ mod tests {
         });
         scene.environment = Some(sky.rotated(0.7));
         scene.lights.clear();
+        let coat = Microfacet { f0: Rgb::new(0.1, 0.2, 0.3), f90: Rgb::ONE, alpha: 0.3 };
+        let brdf = LobeBrdf { microfacets: vec![coat], ..LobeBrdf::diffuse(Rgb::splat(0.1)) };
+        scene.objects[0].material = Material::uniform(brdf);
         scene
     }
 

@@ -6,7 +6,7 @@ use glam::Vec3;
 
 use super::*;
 use crate::chart::environment::{DIRECTIONS, MAP_EXPONENTS};
-use crate::reflectance::{Brdf, Lobe, LobeBrdf};
+use crate::reflectance::{Brdf, Lobe, LobeBrdf, Microfacet};
 use crate::scene::Environment;
 
 /// Radiance reflected by a BRDF on a surface that faces +y, by quadrature; sample frame x = +x, y = −z, z = +y.
@@ -57,6 +57,7 @@ fn light(environment: &Environment, (low, high): (f32, f32), encoding: Encoding,
         maps: Prefiltered::on_cpu(environment, range, encoding, 0.03).unwrap(),
         harmonics: None,
         horizon: horizon.then(Horizon::table),
+        coats: Some(Coats::table()),
     }
 }
 
@@ -160,5 +161,31 @@ fn prefiltering_stays_within_one_percent_of_quadrature_on_every_environment() {
             println!("  n = {n}: RMS {:.2} %, largest {:.1} %", 100.0 * error.rms, 100.0 * error.largest);
             assert!(error.rms < 0.01, "{name}, n = {n}: {error:?}");
         }
+    }
+}
+
+#[test]
+fn microfacet_terms_reflect_as_quadrature_has_it() {
+    let lamp = |d: Vec3, at: Vec3| 8.0 * (40.0 * (d.dot(at.normalize()) - 1.0)).exp();
+    let studio = Environment::from_function(64, 32, |d| {
+        let lamps = lamp(d, Vec3::new(0.9, 0.5, 0.2)) + lamp(d, Vec3::new(0.2, 0.9, -0.5));
+        Rgb::splat(if d.y > 0.0 { 0.3 } else { 0.1 } + lamps)
+    });
+    let white = Environment::from_function(64, 32, |_| Rgb::ONE);
+    for alpha in [0.2, 0.6] {
+        let coat = Microfacet { f0: Rgb::splat(0.04), f90: Rgb::ONE, alpha };
+        let brdf = LobeBrdf { microfacets: vec![coat], ..LobeBrdf::default() };
+        let [low, high] = Coats::table().exponents(alpha);
+        let errors = |environment: &Environment| {
+            let light = light(environment, (low, high), Encoding::Slices, true);
+            [0.0f32, 30.0, 60.0, 75.0].map(|theta| {
+                let expected = quadrature(environment, &brdf, view(theta)).x;
+                approximation(&light, &brdf, view(theta)).x / expected - 1.0
+            })
+        };
+        let rms = |errors: [f32; 4]| (errors.map(|e| e * e).iter().sum::<f32>() / 4.0).sqrt();
+        let (even, lamps) = (errors(&white), errors(&studio));
+        println!("alpha {alpha}: even light {even:.3?}, lamps {lamps:.3?}, RMS {:.3}", rms(lamps));
+        assert!(rms(even) < 0.02 && rms(lamps) < 0.2, "{alpha}: {even:?} {lamps:?}");
     }
 }

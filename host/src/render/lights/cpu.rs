@@ -12,6 +12,7 @@ use crate::render::bvh::Hit;
 use crate::render::geometry::{Geometry, Surface};
 use crate::render::image::Picture;
 use crate::render::materials::{Materials, PackedLobe, Shader};
+use crate::render::sampler::hash;
 use crate::render::shading::{self, Lamp, Rays, Seen};
 use crate::scene::Scene;
 
@@ -36,7 +37,7 @@ pub(crate) fn render_with(scene: &Scene, settings: &Settings, distant: &Distant<
         settings,
         geometry: Geometry::new(&scene),
         materials: Materials::with_levels(&scene),
-        lamps: shading::lamps(&scene.lights, super::POINTS_ACROSS),
+        lamps: shading::lamps(&scene.lights),
         rays: Rays::new(&scene.camera),
         scene: &scene,
         distant,
@@ -82,15 +83,20 @@ impl Twin<'_> {
         let mut taps = vec![];
         footprint.taps(material, |texel, weight| taps.push((texel, weight)));
         let wo = surface.to_local(-direction);
+        let seed = hash(at[0] as u32 | (at[1] as u32) << 16);
         let mut radiance = Rgb::ZERO;
         if self.settings.filtering == Filtering::Coefficients {
             let (rho_d, lobes) = self.interpolated(&taps);
             shader.aim_lobes(rho_d, &lobes, wo);
-            radiance += self.reflect(&surface, shader);
+            radiance += self.reflect(&surface, shader, seed);
+            for &(texel, weight) in taps.iter().filter(|_| !self.materials.microfacets.is_empty()) {
+                shader.aim_coats(&self.materials, texel, wo);
+                radiance += weight * self.reflect(&surface, shader, seed);
+            }
         } else {
             for (texel, weight) in taps {
                 shader.aim(&self.materials, texel, wo, false);
-                radiance += weight * self.reflect(&surface, shader);
+                radiance += weight * self.reflect(&surface, shader, seed);
             }
         }
         radiance.extend(1.0)
@@ -127,8 +133,9 @@ impl Twin<'_> {
     }
 
     /// Radiance reflected from all lights.
-    fn reflect(&self, surface: &Surface, shader: &Shader) -> Rgb {
-        let near = shading::reflect_lights(&self.lamps, surface, shader, |seen: &Seen| {
+    fn reflect(&self, surface: &Surface, shader: &Shader, seed: u32) -> Rgb {
+        let across = self.settings.across();
+        let near = shading::reflect_lights(&self.lamps, across, seed, surface, shader, |seen: &Seen| {
             !self.settings.shadows
                 || surface.geometric.dot(seen.toward) > 0.0
                     && !self.geometry.occluded(surface, seen.toward, seen.distance)

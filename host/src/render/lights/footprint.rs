@@ -12,7 +12,14 @@ pub(super) struct Footprint {
     across: Vec2,
     counts: [u32; 2],
     level: f32,
+    /// Whether a sample takes one texel of those around it, as there are many samples.
+    one_each: bool,
 }
+
+/// Samples from which on one texel each is enough.
+const MANY: u32 = 64;
+/// The additive recurrence of the plane's plastic number, low in discrepancy (Roberts 2018).
+const SPREAD: Vec2 = Vec2::new(0.754_877_7, 0.569_840_3);
 
 impl Footprint {
     /// The footprint around texture coordinates that change by `dx` and `dy` from pixel to pixel.
@@ -25,11 +32,13 @@ impl Footprint {
         let (x, y) = (dx * tiling * size, dy * tiling * size);
         let repeat = uv * tiling;
         let centre = (repeat - repeat.floor()) * size;
-        let mut footprint = Self { centre, along: x, across: y, counts: [1; 2], level: 0.0 };
+        let mut footprint = Self { centre, along: x, across: y, counts: [1; 2], level: 0.0, one_each: false };
         let most = settings.anisotropy as f32;
         if settings.filtering == Filtering::Shaded {
             if material.width * material.height > 1 {
                 footprint.counts = [x, y].map(|axis| axis.length().ceil().clamp(1.0, most) as u32);
+                footprint.one_each =
+                    material.bilinear != 0 && footprint.counts[0] * footprint.counts[1] >= MANY;
             }
         } else if material.levels > 0 {
             let longer = x.length().max(y.length());
@@ -54,6 +63,13 @@ impl Footprint {
             for (i, j) in (0..rows).flat_map(|j| (0..columns).map(move |i| (i, j))) {
                 let step = |k: u32, count: u32| (k as f32 + 0.5) / count as f32 - 0.5;
                 let place = self.centre + self.along * step(i, columns) + self.across * step(j, rows);
+                if self.one_each {
+                    // Spread over a texel, samples weigh their neighbours as interpolation does in the mean.
+                    let sample = (i + j * columns) as f32;
+                    let at = (place + (SPREAD * sample).fract() - 0.5).floor();
+                    tap(material.index(0, at.x as i64, at.y as i64), of_step);
+                    continue;
+                }
                 let place = place / (1u32 << level) as f32;
                 material.around(level, place.x, place.y).into_iter().for_each(|(texel, weight)| {
                     if weight > 0.0 {

@@ -1,5 +1,5 @@
-//! The `lights` renderer: a raster on the GPU with point and directional lights (6.9), any number of lobes and lights in one
-//! pass; rectangular lights stand as a grid of points. Shadows are traced through a tree of the scene's triangles. Textures are
+//! The `lights` renderer: a raster on the GPU with point, directional and rectangular lights (6.9), any number of lobes, microfacet
+//! terms and lights in one pass. Rectangular lights are sampled, at places that differ from pixel to pixel. Shadows are traced through a tree of the scene's triangles. Textures are
 //! filtered as [`Filtering`] says, coefficients stored as [`Storage`] says. An environment is seen but lights nothing.
 
 pub mod cpu;
@@ -26,9 +26,6 @@ use crate::fit::mip;
 use crate::reflectance::SbrdfMap;
 use crate::scene::{Camera, Reflectance, Scene};
 use upload::Uploads;
-
-/// Points along a rectangular light's edges that stand for it.
-pub(super) const POINTS_ACROSS: u32 = 4;
 
 /// What a pixel takes of a texture that is smaller than it should be (stability case G14).
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, clap::ValueEnum)]
@@ -73,6 +70,8 @@ pub struct Settings {
     pub storage: Storage,
     /// Whether lights throw shadows.
     pub shadows: bool,
+    /// Samples of a rectangular light at most, for a pixel that sees it large; fewer from afar.
+    pub light_samples: u32,
 }
 
 impl Default for Settings {
@@ -83,6 +82,7 @@ impl Default for Settings {
             anisotropy: 16,
             storage: Storage::default(),
             shadows: true,
+            light_samples: 64,
         }
     }
 }
@@ -94,9 +94,8 @@ impl Settings {
     /// Input errors for a scene that [`Scene::check`] refuses, and for counts of 0.
     fn scene(&self, scene: &Scene) -> Result<Scene> {
         scene.check()?;
-        super::lobes_only(scene, "lights")?;
-        if self.samples == 0 || self.anisotropy == 0 {
-            return Err(Error::input("lights: samples and anisotropy must be 1 or more"));
+        if self.samples == 0 || self.anisotropy == 0 || self.light_samples == 0 {
+            return Err(Error::input("lights: samples, anisotropy and light samples must be 1 or more"));
         }
         let mut scene = scene.clone();
         // Objects often share a map.
@@ -107,6 +106,11 @@ impl Settings {
             match self.filtering {
                 Filtering::Finest | Filtering::Shaded => material.levels.clear(),
                 Filtering::Fitted if !material.levels.is_empty() => {}
+                Filtering::Fitted if !map.microfacets.is_empty() => {
+                    return Err(Error::input(
+                        "lights: MIP levels of a map with a microfacet term cannot be fitted; use --filter shaded",
+                    ));
+                }
                 Filtering::Fitted => {
                     let fitted = || levels::all_fitted(map).into_iter().map(Arc::new).collect();
                     material.levels = made.entry(key).or_insert_with(fitted).clone();
@@ -121,7 +125,12 @@ impl Settings {
         Ok(self.storage.stored_scene(&scene))
     }
 
-    /// Seconds a frame of a view, the least of `rounds` of `frames` each, without reading pictures back; and the adapter.
+    /// Samples of a rectangular light along an edge at most.
+    pub(super) fn across(&self) -> u32 {
+        self.light_samples.isqrt()
+    }
+
+    /// Seconds a frame of a view (of a driver in software, of CPU time), the least of `rounds` of `frames` each, without reading pictures back; and the adapter.
     ///
     /// # Errors
     /// Those of [`Renderer::prepare`] and of [`Prepared::view`].
@@ -160,7 +169,7 @@ impl Renderer for Settings {
 /// first a uniform, the others storage.
 pub(super) struct Distant {
     pub(super) shader: &'static str,
-    pub(super) buffers: [wgpu::Buffer; 4],
+    pub(super) buffers: [wgpu::Buffer; 5],
 }
 
 /// A scene on the GPU.
@@ -184,7 +193,7 @@ impl<'a> Lights<'a> {
         distant: Option<Distant>,
     ) -> Result<Self> {
         let start = Instant::now();
-        let uploads = Uploads::new(&settings.scene(scene)?, settings)?;
+        let uploads = Uploads::new(&settings.scene(scene)?, settings);
         let more: u64 = distant.iter().flat_map(|distant| &distant.buffers).map(wgpu::Buffer::size).sum();
         let pass = gpu.guarded(|| pipeline::Pass::new(&gpu, &uploads, settings, distant.as_ref()))?;
         let bytes = uploads.bytes() + more as usize;

@@ -5,8 +5,8 @@ use std::sync::Arc;
 use glam::{Affine3A, Vec2, Vec3};
 
 use super::*;
-use crate::reflectance::{Lobe, LobeBrdf, Rgb};
-use crate::render::compare::compare;
+use crate::reflectance::{Lobe, LobeBrdf, Microfacet, Rgb};
+use crate::render::compare::{compare, relative_rmse_by};
 use crate::render::reference;
 use crate::scene::{Background, Light, Mask, Material, Object, shapes, showcase};
 
@@ -116,21 +116,7 @@ fn shadows_and_cut_outs_are_those_of_the_path_tracer() {
     // Lights that both have without an extent, and texels that a pixel does not mix.
     scene.lights.truncate(3);
     scene.objects[0].material = Material::uniform(LobeBrdf::diffuse(Rgb::splat(0.2)));
-    let truth = reference::Settings { samples: 64, bounces: 1, ..Default::default() };
-    let truth = truth.render(&scene, &scene.camera).unwrap().picture;
-    let error = |shadows| {
-        let settings = Settings { shadows, ..Settings::default() };
-        // Sixteen pixels for one, since the twin has one sample a pixel.
-        let mut fine = scene.clone();
-        (fine.camera.width, fine.camera.height) = (48 * 4, 36 * 4);
-        let fine = cpu::render(&fine, &settings).unwrap();
-        let mean = |index: usize| {
-            let (x, y) = (index % 48 * 4, index / 48 * 4);
-            (0..16).map(|k| fine.pixels[(y + k / 4) * 192 + x + k % 4] / 16.0).sum()
-        };
-        let pixels = (0..48 * 36).map(mean).collect();
-        compare(&Picture { width: 48, height: 36, pixels }, &truth).unwrap().relative_rmse
-    };
+    let error = |shadows| error_of_direct_light(&scene, &Settings { shadows, ..Settings::default() }, 16);
     let (with, without) = (error(true), error(false));
     println!("relative RMSE against the path tracer: {with} with shadows, {without} without");
     assert!(with < 0.05 && without > 0.1, "{with} {without}");
@@ -191,8 +177,81 @@ fn no_sample_of_a_triangle_seen_edge_on_is_beyond_measure() {
 }
 
 #[test]
-fn a_tree_or_counts_that_cannot_be_are_refused() {
-    let scene = lit(8, 6);
-    let error = cpu::render(&scene, &Settings { anisotropy: 0, ..Settings::default() }).unwrap_err();
-    assert_eq!(error.exit_code(), 2);
+fn counts_and_levels_that_cannot_be_are_refused() {
+    let scene = coated(8, 6);
+    let base = Settings::default();
+    for settings in [
+        Settings { anisotropy: 0, ..base },
+        Settings { light_samples: 0, ..base },
+        Settings { filtering: Filtering::Fitted, ..base },
+    ] {
+        assert_eq!(cpu::render(&scene, &settings).unwrap_err().exit_code(), 2);
+    }
+}
+
+/// The floor with a clear coat over its check, of another roughness on every material.
+fn coated(width: u32, height: u32) -> Scene {
+    let mut scene = floor(width, height);
+    let coat = |alpha| Microfacet { f0: Rgb::new(0.05, 0.08, 0.3), f90: Rgb::splat(0.9), alpha };
+    let with = |alpha| LobeBrdf {
+        microfacets: vec![coat(alpha)],
+        ..crate::reflectance::materials::published("clay").unwrap()
+    };
+    scene.objects[0].material.reflectance =
+        crate::scene::Reflectance::Map(showcase::check(&with(0.3), &with(0.1), 3, 5).into());
+    scene.objects[1].material.reflectance = crate::scene::Reflectance::Uniform(with(0.05));
+    scene
+}
+
+#[test]
+fn microfacet_terms_agree_with_the_twin_in_every_storage() {
+    let scene = coated(64, 48);
+    let coefficients = Settings { filtering: Filtering::Coefficients, ..Settings::default() };
+    let stored = Storage::ALL.map(|storage| Settings { storage, ..Settings::default() });
+    for settings in stored.into_iter().chain([coefficients]) {
+        let Some([median, most]) = differences(&scene, settings, [0.5, 0.97]) else { return };
+        assert!(median < 1e-4 && most < 5e-3, "{settings:?} {median} {most}");
+    }
+}
+
+/// Relative RMSE of the mean over 4 × 4 pixels of the twin, which has one sample a pixel, by noisy pictures of the path tracer's
+/// direct light.
+fn error_of_direct_light(scene: &Scene, settings: &Settings, samples: u32) -> f64 {
+    let (width, height) = (scene.camera.width as usize, scene.camera.height as usize);
+    let judges = [1, 2, 3].map(|seed| {
+        let judge = reference::Settings { samples, bounces: 1, seed, ..Default::default() };
+        judge.render(scene, &scene.camera).unwrap().picture
+    });
+    let mut fine = scene.clone();
+    (fine.camera.width, fine.camera.height) = (width as u32 * 4, height as u32 * 4);
+    let fine = cpu::render(&fine, settings).unwrap();
+    let mean = |index: usize| {
+        let (x, y) = (index % width * 4, index / width * 4);
+        (0..16).map(|k| fine.pixels[(y + k / 4) * width * 4 + x + k % 4] / 16.0).sum()
+    };
+    let pixels = (0..width * height).map(mean).collect();
+    relative_rmse_by(&judges, &Picture { width, height, pixels })
+}
+
+#[test]
+fn microfacet_terms_are_those_of_the_path_tracer() {
+    let mut scene = coated(32, 24);
+    scene.lights.truncate(3);
+    // Texels larger than a pixel.
+    scene.objects[0].material.tiling = Vec2::splat(0.5);
+    let error = error_of_direct_light(&scene, &Settings::default(), 16);
+    println!("relative RMSE against the path tracer: {error}");
+    assert!(error < 0.05, "{error}");
+}
+
+#[test]
+fn rectangular_lights_are_those_of_the_path_tracer() {
+    let mut scene = Scene::open(std::path::Path::new("window")).unwrap();
+    (scene.camera.width, scene.camera.height) = (32, 32);
+    let error =
+        |light_samples| error_of_direct_light(&scene, &Settings { light_samples, ..Settings::default() }, 32);
+    let [one, many] = [1, 64].map(error);
+    println!("relative RMSE against the path tracer: {one} with one sample, {many} with up to 64");
+    // What is left is the edges, which 16 samples a pixel do not meet exactly.
+    assert!(many < 0.05 && many < 0.5 * one, "{one} {many}");
 }

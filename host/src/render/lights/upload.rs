@@ -6,19 +6,16 @@ use std::time::Duration;
 use bytemuck::{Pod, Zeroable};
 use glam::{Mat4, Vec3A, Vec4};
 use obvhs::BvhBuildParams;
+use obvhs::bvh2::Bvh2;
 use obvhs::bvh2::builder::build_bvh2_from_tris;
 use obvhs::triangle::Triangle;
 
-use super::{POINTS_ACROSS, Settings};
-use crate::error::{Error, Result};
-use crate::reflectance::Rgb;
+use super::Settings;
+use crate::reflectance::{Microfacet, Rgb};
 use crate::render::geometry;
 use crate::render::shading::{self, Lamp};
 use crate::render::storage::{Storage, brightest_of};
 use crate::scene::{Filter, Light, Material, Mesh, Reflectance, Scene, Vertex};
-
-/// The deepest tree that the shader's stack takes.
-const DEEPEST: usize = 96;
 
 /// Uniforms.
 #[derive(Debug, Clone, Copy, Pod, Zeroable)]
@@ -48,9 +45,13 @@ pub(super) struct PackedMaterial {
     mask: [u32; 3],
     /// Most lobes of a texel.
     lobes: u32,
+    /// Microfacet terms of every texel.
+    coats: u32,
+    padding: [u32; 3],
 }
 
-/// A node of the tree; for leaves the run of triangles, else the first of two children and a count of 0.
+/// A node of the tree, a node's first child after it; for leaves the run of triangles, else a count of 0 and the node that follows
+/// its last descendant.
 #[derive(Debug, Clone, Copy, Pod, Zeroable)]
 #[repr(C)]
 pub(super) struct Node {
@@ -58,6 +59,19 @@ pub(super) struct Node {
     first: u32,
     high: [f32; 3],
     count: u32,
+}
+
+/// A triangle in the tree's order.
+#[derive(Debug, Clone, Copy, Pod, Zeroable)]
+#[repr(C)]
+pub(super) struct Leaf {
+    corner: [f32; 3],
+    triangle: u32,
+    /// From the second corner to the first, and from the first to the third.
+    e1: [f32; 3],
+    object: u32,
+    e2: [f32; 3],
+    padding: u32,
 }
 
 /// Everything of a scene that is uploaded.
@@ -71,8 +85,7 @@ pub(super) struct Uploads {
     pub(super) words: Vec<u32>,
     pub(super) mesh: Mesh,
     pub(super) nodes: Vec<Node>,
-    /// Triangle and object in the tree's order.
-    pub(super) leaves: Vec<[u32; 2]>,
+    pub(super) leaves: Vec<Leaf>,
     /// The run of triangles of every object and rectangular light, and whether parts of it are cut out.
     pub(super) runs: Vec<(Range<u32>, bool)>,
     pub(super) offset: f32,
@@ -80,13 +93,10 @@ pub(super) struct Uploads {
 
 impl Uploads {
     /// Packs a scene that has the levels and coefficients to be drawn.
-    ///
-    /// # Errors
-    /// A failure for triangles whose tree is too deep for the shader.
-    pub(super) fn new(scene: &Scene, settings: &Settings) -> Result<Self> {
+    pub(super) fn new(scene: &Scene, settings: &Settings) -> Self {
         let (mesh, runs) = geometry::joined(scene);
         let mut uploads = Self {
-            lamps: shading::lamps(&scene.lights, POINTS_ACROSS),
+            lamps: shading::lamps(&scene.lights),
             materials: vec![],
             starts: vec![],
             words: vec![],
@@ -113,11 +123,11 @@ impl Uploads {
             }
         }
         if settings.shadows {
-            uploads.grow(&runs)?;
+            uploads.grow(&runs);
         }
         uploads.runs =
             runs.into_iter().zip(&uploads.materials).map(|(run, m)| (run, m.mask[1] > 0)).collect();
-        Ok(uploads)
+        uploads
     }
 
     /// Adds a material's texels.
@@ -125,7 +135,9 @@ impl Uploads {
         let brightest = brightest_of(material);
         let first = self.starts.len() as u32;
         let mut lobes = 0;
-        for brdf in material.brdfs() {
+        let coats = material.brdfs().map(|brdf| brdf.microfacets.len()).max().unwrap_or(0);
+        for mut brdf in material.brdfs() {
+            brdf.microfacets.resize(coats, Microfacet { f0: Rgb::ZERO, f90: Rgb::ZERO, alpha: 1.0 });
             self.starts.push(self.words.len() as u32);
             storage.append(&brdf, brightest, &mut self.words);
             lobes = lobes.max(brdf.lobes.iter().filter(|lobe| lobe.rho_s != Rgb::ZERO).count() as u32);
@@ -143,38 +155,33 @@ impl Uploads {
             levels: material.levels.len() as u32,
             brightest: if storage == Storage::Bits8Scaled { brightest } else { 1.0 },
             lobes,
+            coats: coats as u32,
             ..PackedMaterial::default()
         });
     }
 
     /// Builds the tree of triangles that shadow rays are tested with.
-    fn grow(&mut self, runs: &[Range<u32>]) -> Result<()> {
+    fn grow(&mut self, runs: &[Range<u32>]) {
         if self.mesh.triangles.is_empty() {
-            return Ok(());
+            return;
         }
         let corner = |i: u32| Vec3A::from(self.mesh.vertices[i as usize].position);
         let triangle = |&[a, b, c]: &[u32; 3]| Triangle { v0: corner(a), v1: corner(b), v2: corner(c) };
         let triangles: Vec<Triangle> = self.mesh.triangles.iter().map(triangle).collect();
         let tree = build_bvh2_from_tris(&triangles, BvhBuildParams::medium_build(), &mut Duration::default());
-        let depth = tree.depth(0);
-        if depth > DEEPEST {
-            return Err(Error::failure(format!(
-                "GPU: the tree of the scene's triangles is {depth} levels deep; {DEEPEST} are the most"
-            )));
-        }
-        self.nodes = tree
-            .nodes
-            .iter()
-            .map(|node| Node {
-                low: node.aabb().min.to_array(),
-                first: node.first_index,
-                high: node.aabb().max.to_array(),
-                count: node.prim_count,
-            })
-            .collect();
-        let object = |triangle: u32| runs.partition_point(|run| run.end <= triangle) as u32;
-        self.leaves = tree.primitive_indices.iter().map(|&triangle| [triangle, object(triangle)]).collect();
-        Ok(())
+        self.nodes = in_depth_first_order(&tree);
+        let leaf = |&index: &u32| {
+            let Triangle { v0, v1, v2 } = triangles[index as usize];
+            Leaf {
+                corner: v0.to_array(),
+                triangle: index,
+                e1: (v0 - v1).to_array(),
+                object: runs.partition_point(|run| run.end <= index) as u32,
+                e2: (v2 - v0).to_array(),
+                padding: 0,
+            }
+        };
+        self.leaves = tree.primitive_indices.iter().map(leaf).collect();
     }
 
     /// The vertices as the shader reads them, three four-vectors each.
@@ -194,4 +201,33 @@ impl Uploads {
             + size_of_val(&self.nodes[..])
             + size_of_val(&self.leaves[..])
     }
+}
+
+/// The nodes of a tree in an order that needs no stack: a node's first child after it, then its second.
+fn in_depth_first_order(tree: &Bvh2) -> Vec<Node> {
+    enum Step {
+        Enter(usize),
+        Leave(usize),
+    }
+    let mut nodes = Vec::with_capacity(tree.nodes.len());
+    let mut steps = vec![Step::Enter(0)];
+    while let Some(step) = steps.pop() {
+        match step {
+            Step::Enter(index) => {
+                let node = &tree.nodes[index];
+                if node.prim_count == 0 {
+                    let child = node.first_index as usize;
+                    steps.extend([Step::Leave(nodes.len()), Step::Enter(child + 1), Step::Enter(child)]);
+                }
+                nodes.push(Node {
+                    low: node.aabb().min.to_array(),
+                    first: node.first_index,
+                    high: node.aabb().max.to_array(),
+                    count: node.prim_count,
+                });
+            }
+            Step::Leave(at) => nodes[at].first = nodes.len() as u32,
+        }
+    }
+    nodes
 }

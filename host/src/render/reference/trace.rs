@@ -114,7 +114,7 @@ impl<'a> Tracer<'a> {
             geometry: Geometry::new(scene),
             materials: Materials::new(scene),
             environment: scene.environment.as_ref().and_then(Sampled::new),
-            lamps: shading::lamps(&points, 1),
+            lamps: shading::lamps(&points),
             rectangles: rectangles.collect(),
             bounces,
         }
@@ -245,7 +245,7 @@ impl<'a> Tracer<'a> {
         shader: &Shader,
         rays: &mut u64,
     ) -> Rgb {
-        let mut radiance = shading::reflect_lights(&self.lamps, surface, shader, |seen| {
+        let mut radiance = shading::reflect_lights(&self.lamps, 1, 0, surface, shader, |seen| {
             *rays += 1;
             surface.geometric.dot(seen.toward) > 0.0
                 && !self.geometry.occluded(surface, seen.toward, seen.distance)
