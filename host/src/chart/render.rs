@@ -1,23 +1,25 @@
 //! Time against error of every renderer and its settings, scene by scene, judged by the reference.
 
-use super::{Axis, Chart, Picture, Plot, Section, Series, Table};
-use crate::error::{Kind, Result};
+use super::{Axis, Cell, Chart, Picture, Plot, Section, Series, Table};
+use crate::error::{Error, Kind, Result};
 use crate::progress;
-use crate::render::choose::{self, Model};
+use crate::render::choose::{Model, Tried, taken};
 use crate::render::compare::{Errors, compare};
 use crate::render::lights::Filtering;
 use crate::render::storage::Storage;
-use crate::render::{self, Method, Renderer, Rendering, environment, lights, reference};
+use crate::render::{self, Renderer, Rendering, environment, lights, reference};
 use crate::scene::Scene;
 
 /// Errors that a picture is chosen for.
 const BOUNDS: [f64; 3] = [0.3, 0.1, 0.03];
+/// Relative RMSE at which the reference that judges has samples enough.
+const TRUTH_NOISE: f64 = 0.005;
 
-/// One way to render.
-struct Setting {
+/// One way to render a scene's view.
+struct Setting<'a> {
     method: &'static str,
     name: String,
-    renderer: Box<dyn Renderer>,
+    render: Box<dyn Fn() -> Result<Rendering> + 'a>,
 }
 
 /// The settings of one method.
@@ -27,13 +29,26 @@ struct Measured {
     /// Seconds of rendering, relative RMSE and FLIP.
     values: Vec<[f64; 3]>,
     names: Vec<String>,
+    /// The picture with the least error.
+    best: Option<(f64, Picture)>,
 }
 
-/// Every renderer with the settings that trade its time for error.
-fn settings(scene: &Scene, seed: u64) -> Vec<Setting> {
+/// What one scene adds to the page.
+struct OfScene {
+    section: Section,
+    /// Rows of the table of choices, without the scene's name.
+    choices: Vec<[Cell; 8]>,
+    /// Predicted and actual error, predicted and actual seconds.
+    outcomes: Vec<[f64; 4]>,
+}
+
+/// Every renderer with the settings that trade its time for error; what the model has made ready is not made again.
+fn settings<'a>(scene: &'a Scene, model: &Model<'a>, seed: u64) -> Vec<Setting<'a>> {
     let mut all = Vec::new();
-    let mut add =
-        |method, name: String, renderer: Box<dyn Renderer>| all.push(Setting { method, name, renderer });
+    let mut add = |method, name: String, renderer: Box<dyn Renderer>| {
+        let render = Box::new(move || renderer.render(scene, &scene.camera));
+        all.push(Setting { method, name, render });
+    };
     let all_bounces = reference::Settings { seed, ..Default::default() };
     let one = reference::Settings { bounces: 1, ..all_bounces };
     for (method, paths) in [("reference", all_bounces), ("reference, no interreflection", one)] {
@@ -42,50 +57,106 @@ fn settings(scene: &Scene, seed: u64) -> Vec<Setting> {
             add(method, format!("{samples} samples"), Box::new(renderer));
         }
     }
-    let environment = environment::Settings { seed, ..Default::default() };
-    for setting in choose::settings(scene, &render::Settings { environment, ..Default::default() }) {
-        if setting.method != Method::Lights {
-            add(setting.method.name(), setting.name.into(), setting.renderer);
-        }
-    }
-    // Of every method the last setting is shown.
     let base = lights::Settings::default();
     for storage in [Storage::Bits8, Storage::Bits8Scaled, Storage::F16] {
         let renderer = lights::Settings { storage, ..base };
         add("lights", format!("{}, {}", base.filtering.name(), storage.name()), Box::new(renderer));
     }
-    for filtering in Filtering::ALL {
+    for filtering in Filtering::ALL.into_iter().filter(|&filtering| filtering != base.filtering) {
         let renderer = lights::Settings { filtering, ..base };
         add("lights", filtering.name().into(), Box::new(renderer));
     }
+    for (method, name, prepared) in model.ready() {
+        let render = Box::new(move || prepared.view(&scene.camera));
+        all.push(Setting { method: method.name(), name: name.into(), render });
+    }
+    // Stable: the settings of a method keep their order.
+    all.sort_by_key(|setting| ["lights", "environment"].iter().position(|&name| name == setting.method));
     all
 }
 
-/// Renders every scene with every renderer and setting, and compares with the reference at `truth` samples a pixel.
+/// Renders every scene with every renderer and setting, and compares with the reference at `truth` samples a pixel at most.
 ///
 /// # Errors
-/// Those of the scenes and of the renderers, but for a GPU that is missing.
+/// Those of the scenes and of the path tracer. Another renderer that fails, or refuses a scene, is left out.
 pub fn chart(scenes: &[(String, Scene)], truth: u32, seed: u64) -> Result<Chart> {
-    let sections = scenes.iter().map(|(name, scene)| section(name, scene, truth, seed));
+    let of_scene = |(name, scene): &(String, Scene)| section(name, scene, truth, seed);
+    let scenes_charted = scenes.iter().map(of_scene).collect::<Result<Vec<_>>>()?;
+    let mut sections = vec![choices(scenes, &scenes_charted)];
+    sections.extend(scenes_charted.into_iter().map(|scene| scene.section));
     Ok(Chart {
         name: "render".into(),
         title: "Time against error of the renderers".into(),
         lead: format!(
-            "Every scene was rendered with every renderer and setting and compared with the path tracer at {truth} samples a \
-             pixel with another seed. Relative RMSE: root of the mean of (a − b)² / (b² + ε²), b the reference, ε a tenth of \
-             its mean. FLIP: mean HDR-FLIP, 67 pixels a degree. The last table of every scene has what `lobelia render --method auto \
-             --max-error E` takes for an error: what its model, measured on a view of 64 pixels, predicted; what it verified \
-             itself, by few samples of the reference or the path tracer's own variance; and the error against this chart's reference."
+            "Every scene was rendered with every renderer and setting and compared with the path tracer with another seed, at {truth} \
+             samples a pixel or where its own noise is {} % relative RMSE. Relative RMSE: root of the mean of \
+             (a − b)² / (b² + ε²), b the reference, ε a tenth of its mean. FLIP: mean HDR-FLIP, 67 pixels a degree. Times are of one view of a \
+             scene that is ready; getting it ready is listed beside.",
+            100.0 * TRUTH_NOISE
         ),
-        sections: sections.collect::<Result<_>>()?,
+        sections,
     })
 }
 
+/// What is chosen for an error, over all scenes.
+fn choices(scenes: &[(String, Scene)], charted: &[OfScene]) -> Section {
+    let mut table = Table::new([
+        "scene",
+        "E",
+        "method",
+        "setting",
+        "predicted, s",
+        "actual, s",
+        "predicted relative RMSE",
+        "verified",
+        "actual relative RMSE",
+    ]);
+    let (mut errors, mut seconds) = (Vec::new(), Vec::new());
+    for ((name, _), OfScene { choices, outcomes, .. }) in scenes.iter().zip(charted) {
+        for row in choices {
+            let cell = |k: usize| if k == 0 { name.as_str().into() } else { row[k - 1].clone() };
+            table.row::<9>(std::array::from_fn(cell));
+        }
+        let labels = || BOUNDS.iter().map(|bound| format!("{name}, E = {bound}")).collect();
+        let pairs = |at: usize| outcomes.iter().map(|outcome| [outcome[at], outcome[at + 1]]).collect();
+        errors.push(Series::scattered(name.as_str(), pairs(0), labels()));
+        seconds.push(Series::scattered(name.as_str(), pairs(2), labels()));
+    }
+    let plot = |quantity: &str, series: Vec<Series>| Plot {
+        title: format!("{quantity}: predicted and actual"),
+        x: Axis::log(&format!("{quantity}, predicted")),
+        y: Axis::log(&format!("{quantity}, actual")),
+        series,
+    };
+    Section {
+        title: "Chosen for an error".into(),
+        text: "What `lobelia render --max-error E` takes: what its model, measured on a view of 64 pixels, predicted; what it verified itself, by few \
+               samples of the reference or the path tracer's own variance; and the error against this chart's reference."
+            .into(),
+        plots: vec![plot("relative RMSE", errors), plot("time, s", seconds)],
+        tables: vec![table],
+        ..Section::default()
+    }
+}
+
 /// One scene.
-fn section(name: &str, scene: &Scene, truth: u32, seed: u64) -> Result<Section> {
-    let settings = settings(scene, seed);
+fn section(name: &str, scene: &Scene, truth: u32, seed: u64) -> Result<OfScene> {
+    let model = Model::measure(
+        scene,
+        &render::Settings {
+            reference: reference::Settings { samples: 1 << 20, seed, ..Default::default() },
+            environment: environment::Settings { seed, ..Default::default() },
+            ..Default::default()
+        },
+    )?;
+    let settings = settings(scene, &model, seed);
     let bar = progress::bar(name, settings.len() as u64 + 1, "pictures");
-    let judge = reference::Settings { samples: truth, seed: seed ^ 0x5eed, ..Default::default() };
+    let judge = reference::Settings {
+        samples: truth,
+        max_error: Some(TRUTH_NOISE),
+        seed: seed ^ 0x5eed,
+        ..Default::default()
+    };
     let truth = judge.render(scene, &scene.camera)?;
     bar.advance(1);
     let mut table = Table::new([
@@ -99,20 +170,18 @@ fn section(name: &str, scene: &Scene, truth: u32, seed: u64) -> Result<Section> 
         "FLIP",
     ]);
     let mut measured: Vec<Measured> = Vec::new();
-    let mut pictures = vec![picture("the reference", &truth, scene)?];
-    let mut left_out = String::new();
-    for Setting { method, name, renderer } in settings {
-        let rendering = match renderer.render(scene, &scene.camera) {
+    let mut left_out: Vec<(&str, String, Error)> =
+        model.refused().map(|(method, name, error)| (method.name(), name.into(), error.clone())).collect();
+    for Setting { method, name, render } in settings {
+        bar.advance(1);
+        let rendering = match render() {
             Ok(rendering) => rendering,
-            Err(error) if error.kind() == Kind::Failure => {
-                left_out = format!(" `{method}` was left out: {error}.");
+            Err(error) => {
+                left_out.push((method, name, error));
                 continue;
             }
-            Err(error) => return Err(error),
         };
-        bar.advance(1);
-        let errors = compare(&rendering.picture, &truth.picture)?;
-        let Errors { rmse, relative_rmse, flip, .. } = errors;
+        let Errors { rmse, relative_rmse, flip, .. } = compare(&rendering.picture, &truth.picture)?;
         let cost = &rendering.cost;
         table.row([
             method.into(),
@@ -124,78 +193,98 @@ fn section(name: &str, scene: &Scene, truth: u32, seed: u64) -> Result<Section> 
             relative_rmse.into(),
             flip.into(),
         ]);
-        let shown = picture(&format!("{method}: {name}"), &rendering, scene)?;
-        if measured.last().is_some_and(|last| last.method == method) {
-            // Of every method the last setting is shown.
-            pictures.pop();
-        } else {
+        if measured.last().is_none_or(|last| last.method != method) {
             measured.push(Measured { method, ..Measured::default() });
         }
-        pictures.push(shown);
         if let Some(last) = measured.last_mut() {
+            if last.best.as_ref().is_none_or(|(error, _)| relative_rmse < *error) {
+                last.best = Some((relative_rmse, picture(&format!("{method}: {name}"), &rendering, scene)?));
+            }
             last.values.push([cost.render_seconds, relative_rmse, flip]);
             last.names.push(name);
         }
     }
-    let plot = |title: &str, y: &str, value: usize| Plot {
+    let mut reasons: Vec<String> = Vec::new();
+    for (method, name, error) in left_out {
+        let why = if error.kind() == Kind::Input { "not for this scene" } else { "failed" };
+        let nothing = || f64::NAN.into();
+        table.row([
+            method.into(),
+            format!("{name}: {why}").into(),
+            nothing(),
+            nothing(),
+            nothing(),
+            nothing(),
+            nothing(),
+            nothing(),
+        ]);
+        let reason = format!(" `{method}`: {error}.");
+        if !reasons.contains(&reason) {
+            reasons.push(reason);
+        }
+    }
+    let noise = truth.estimated_error().unwrap_or_default();
+    let text = format!(
+        "Noise of the reference itself: at most {:.2} % relative RMSE.{}",
+        100.0 * noise,
+        reasons.concat()
+    );
+    let plots = vec![
+        plot("Relative RMSE by time", "relative RMSE", &measured, 1),
+        plot("FLIP by time", "FLIP", &measured, 2),
+    ];
+    let mut pictures = vec![picture("the reference", &truth, scene)?];
+    pictures.extend(measured.into_iter().filter_map(|of| of.best).map(|(_, picture)| picture));
+    let section = Section { title: name.into(), text, plots, pictures, tables: vec![table] };
+    let (mut choices, mut outcomes) = (Vec::new(), Vec::new());
+    for bound in BOUNDS {
+        if let Some((row, outcome)) = choice(scene, &model, &truth, bound)? {
+            choices.push(row);
+            outcomes.push(outcome);
+        }
+    }
+    Ok(OfScene { section, choices, outcomes })
+}
+
+/// A value of every setting by its time; a line joins what differs in samples alone.
+fn plot(title: &str, y: &str, measured: &[Measured], value: usize) -> Plot {
+    let series = |of: &Measured| {
+        let points = of.values.iter().map(|point| [point[0], point[value]]).collect();
+        let line = of.method.starts_with("reference");
+        Series { labels: of.names.clone(), line, ..Series::new(of.method, points) }
+    };
+    Plot {
         title: title.into(),
         x: Axis::log("render, s"),
         y: Axis::log(y),
-        series: measured
-            .iter()
-            .map(|of| {
-                let points = of.values.iter().map(|point| [point[0], point[value]]).collect();
-                Series { labels: of.names.clone(), ..Series::new(of.method, points) }
-            })
-            .collect(),
-    };
-    let noise = truth.estimated_error().unwrap_or_default();
-    Ok(Section {
-        title: name.into(),
-        text: format!(
-            "Noise of the reference itself: at most {:.2} % relative RMSE.{left_out}",
-            100.0 * noise
-        ),
-        plots: vec![plot("Relative RMSE by time", "relative RMSE", 1), plot("FLIP by time", "FLIP", 2)],
-        pictures,
-        tables: vec![table, choices(scene, &truth, seed)?],
-    })
+        series: measured.iter().map(series).collect(),
+    }
 }
 
-/// What is chosen for every bound, and how far prediction and verification are from what comes out.
-fn choices(scene: &Scene, truth: &Rendering, seed: u64) -> Result<Table> {
-    let mut table = Table::new([
-        "E",
-        "method",
-        "setting",
-        "predicted, s",
-        "actual, s",
-        "predicted relative RMSE",
-        "verified",
-        "actual relative RMSE",
-    ]);
-    let settings = render::Settings {
-        reference: reference::Settings { samples: 1 << 20, seed, ..Default::default() },
-        environment: environment::Settings { seed, ..Default::default() },
-        ..Default::default()
+/// What is chosen for a bound, and how far prediction and verification are from what comes out.
+fn choice(
+    scene: &Scene,
+    model: &Model<'_>,
+    truth: &Rendering,
+    bound: f64,
+) -> Result<Option<([Cell; 8], [f64; 4])>> {
+    let outcome = model.meet(&scene.camera, bound)?;
+    let Some(Tried { method, name, predicted, actual: Some([seconds, verified]) }) = taken(&outcome.tried)
+    else {
+        return Ok(None);
     };
-    let model = Model::measure(scene, &settings)?;
-    for bound in BOUNDS {
-        let outcome = model.meet(&scene.camera, bound)?;
-        let Some(taken) = outcome.tried.iter().rfind(|tried| tried.actual.is_some()) else { continue };
-        let [seconds, verified] = taken.actual.unwrap_or([f64::NAN; 2]);
-        table.row([
-            bound.into(),
-            taken.method.name().into(),
-            taken.name.as_str().into(),
-            taken.predicted[0].into(),
-            seconds.into(),
-            taken.predicted[1].into(),
-            verified.into(),
-            compare(&outcome.rendering.picture, &truth.picture)?.relative_rmse.into(),
-        ]);
-    }
-    Ok(table)
+    let error = compare(&outcome.rendering.picture, &truth.picture)?.relative_rmse;
+    let cells = [
+        bound.into(),
+        method.name().into(),
+        name.as_str().into(),
+        predicted[0].into(),
+        (*seconds).into(),
+        predicted[1].into(),
+        (*verified).into(),
+        error.into(),
+    ];
+    Ok(Some((cells, [predicted[1], error, predicted[0], *seconds])))
 }
 
 /// A tone-mapped picture of the page.
@@ -206,6 +295,8 @@ fn picture(title: &str, rendering: &Rendering, scene: &Scene) -> Result<Picture>
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::reflectance::{LobeBrdf, Microfacet, Rgb};
+    use crate::scene::Material;
     use std::path::Path;
 
     #[test]
@@ -216,13 +307,24 @@ mod tests {
         scene.objects[0].mesh = sphere;
         scene.objects[0].material = scene.objects[1].material.clone();
         scene.environment = Some(crate::scene::Environment::from_function(32, 16, |d| {
-            crate::reflectance::Rgb::splat(0.6 + 0.3 * d.x + d.y.max(0.0))
+            Rgb::splat(0.6 + 0.3 * d.x + d.y.max(0.0))
         }));
-        let chart = chart(&[("ball".into(), scene)], 128, 1).unwrap();
-        let series = &chart.sections[0].plots[0].series;
+        // Left with no renderer of lobes alone.
+        let mut coated = scene.clone();
+        let coat = Microfacet { f0: Rgb::splat(0.04), f90: Rgb::ONE, alpha: 0.3 };
+        let brdf = LobeBrdf { microfacets: vec![coat], ..LobeBrdf::diffuse(Rgb::splat(0.2)) };
+        coated.objects[0].material = Material::uniform(brdf);
+        let chart = chart(&[("ball".into(), scene), ("coated".into(), coated)], 128, 1).unwrap();
+        let section = &chart.sections[1];
+        let series = &section.plots[0].series;
         let errors: Vec<f64> = series[0].points.iter().map(|point| point[1]).collect();
         assert!(series.iter().any(|s| s.name == "environment") && errors.len() == 4);
         assert!(errors[3] < errors[0] / 2.0, "{errors:?}");
-        assert_eq!(chart.sections[0].pictures.len(), 1 + series.len());
+        assert_eq!(section.pictures.len(), 1 + series.len());
+        let refused = chart.sections[2].tables[0].to_string();
+        assert!(refused.contains("slices: not for this scene"), "{refused}");
+        // Every bound has its outcome.
+        let chosen = &chart.sections[0].plots[0].series;
+        assert!(chosen.iter().all(|scene| scene.points.len() == BOUNDS.len()));
     }
 }
