@@ -25,7 +25,7 @@ use crate::reflectance::{Rgb, colour};
 use crate::scene::{Environment, environment::direction_of};
 
 /// See the table above.
-const PIXEL: f32 = 3.0;
+const PIXEL: f32 = 4.0;
 const GATHERED: f32 = 2.0;
 /// Exponents below it are treated as it is.
 const WIDEST: f32 = 4.0;

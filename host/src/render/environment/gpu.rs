@@ -122,7 +122,7 @@ impl<'a> Prefilter<'a> {
 mod tests {
     use super::super::accuracy::{self, Judge};
     use super::super::prefilter;
-    use super::super::spectrum::{self, Spectrum};
+    use super::super::spectrum::Spectrum;
     use super::*;
 
     #[test]
@@ -141,7 +141,7 @@ mod tests {
         for n in [0.5, 1.0, 20.0, 150.0] {
             let (source, cap) = accuracy::gathered(&environment, n, error);
             let height = accuracy::map_height(n, error) / 2;
-            let spectrum = Spectrum::new(&environment, spectrum::kernel(n, error).len());
+            let spectrum = Spectrum::new(&environment, &[n], error);
             let cpu = prefilter::slice(&spectrum, n, error, height);
             let gpu = prefilter.slice(&source, &cap, height).unwrap();
             let light = |root: &Vec3| root.map(|root| root.powf(n));

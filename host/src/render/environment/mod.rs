@@ -107,28 +107,31 @@ impl Renderer for Settings {
     }
 }
 
-/// The mean radiance under a lobe of an exponent, ∫ (ω_p·ω)ⁿ L dω / ∫ (ω_p·ω)ⁿ dω, for peaks at the centres of an equirectangular
-/// map's pixels; of `height` rows, or of as many as the error needs.
+/// The mean radiance under lobes of some exponents, ∫ (ω_p·ω)ⁿ L dω / ∫ (ω_p·ω)ⁿ dω, for peaks at the centres of an equirectangular
+/// map's pixels; of `height` rows, or of as many as the error needs. A map is computed when it is asked for.
 ///
 /// # Errors
 /// Input errors for an error out of range.
 pub fn prefilter(
     environment: &Environment,
-    n: f32,
+    exponents: &[f32],
     height: Option<usize>,
     error: f32,
-) -> Result<Environment> {
+) -> Result<impl Iterator<Item = Environment>> {
     check_error(error)?;
-    let height = height.unwrap_or_else(|| accuracy::map_height(n, error));
-    let width = 2 * height;
-    let kernel = spectrum::kernel(n, error);
     let image = Environment { rotation: 0.0, ..environment.clone() };
-    let polar: Vec<f64> =
-        (0..height).map(|y| std::f64::consts::PI * (y as f64 + 0.5) / height as f64).collect();
-    let mut pixels = Spectrum::new(&image, kernel.len()).map(&kernel, width, &polar);
-    let even = (n + 1.0) / std::f32::consts::TAU;
-    pixels.iter_mut().for_each(|pixel| *pixel *= even);
-    Ok(Environment { width, height, pixels: pixels.into(), rotation: environment.rotation })
+    let rotation = environment.rotation;
+    let spectrum = Spectrum::new(&image, exponents, error);
+    Ok(exponents.iter().map(move |&n| {
+        let height = height.unwrap_or_else(|| accuracy::map_height(n, error));
+        let width = 2 * height;
+        let polar: Vec<f64> =
+            (0..height).map(|y| std::f64::consts::PI * (y as f64 + 0.5) / height as f64).collect();
+        let mut pixels = spectrum.map(&spectrum::kernel(n, error), width, &polar);
+        let even = (n + 1.0) / std::f32::consts::TAU;
+        pixels.iter_mut().for_each(|pixel| *pixel *= even);
+        Environment { width, height, pixels: pixels.into(), rotation }
+    }))
 }
 
 /// Refuses an error that maps cannot be made for.

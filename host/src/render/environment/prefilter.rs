@@ -97,8 +97,7 @@ impl Prefiltered {
     ) -> Result<Self> {
         let image = Environment { rotation: 0.0, ..environment.clone() };
         // D(N)'s edge has more degrees than any wider lobe.
-        let bands = [1.0, range.1.max(LEAST)].map(|n| spectrum::kernel(n, error).len());
-        let spectrum = Spectrum::new(&image, bands[0].max(bands[1]));
+        let spectrum = Spectrum::new(&image, &[1.0, range.1.max(LEAST)], error);
         let map = |n: f32, height: usize| match gpu {
             Some(gpu) => {
                 let (source, cap) = accuracy::gathered(&image, n, error);
@@ -279,7 +278,7 @@ pub(super) mod tests {
     #[test]
     fn a_smaller_error_is_kept_with_more_slices() {
         let environment = sun(32);
-        let spectrum = Spectrum::new(&environment, 800);
+        let spectrum = Spectrum::new(&environment, &[1.0, 64.0], 0.003);
         let exponents = |range, encoding, error| nodes(&environment, &spectrum, range, encoding, error);
         let count = |error| exponents((1.0, 64.0), Encoding::Slices, error).len();
         assert!(count(0.1) < count(0.003), "{} {}", count(0.1), count(0.003));

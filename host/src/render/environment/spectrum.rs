@@ -95,8 +95,9 @@ impl WithSimd for Rings<'_> {
 }
 
 impl Spectrum {
-    /// Projects an environment without rotation on all harmonics of degrees below `band`.
-    pub(super) fn new(environment: &Environment, band: usize) -> Self {
+    /// Projects an environment without rotation on all harmonics that count under lobes of some exponents and an error.
+    pub(super) fn new(environment: &Environment, exponents: &[f32], error: f32) -> Self {
+        let band = exponents.iter().map(|&n| kernel(n, error).len()).fold(0, usize::max);
         let arch = Arch::new();
         let rows = transformed(environment, band);
         let latitudes = latitudes(environment.height, band);
@@ -404,7 +405,7 @@ mod tests {
         // At the edge of the first the missing degrees show.
         for (n, error) in [(1.0f32, 0.015), (2.5, 3e-4), (20.0, 3e-4), (200.0, 3e-4)] {
             let kernel = kernel(n, 0.03);
-            let spectrum = Spectrum::new(&environment, kernel.len());
+            let spectrum = Spectrum::new(&environment, &[n], 0.03);
             let polar = [0.0, 0.4, 1.2, 1.3, 1.9, 2.6, PI];
             // So few columns that orders fall together.
             let map = spectrum.map(&kernel, 10, &polar);
