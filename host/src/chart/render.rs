@@ -7,7 +7,7 @@ use crate::render::choose::{Model, Tried, taken};
 use crate::render::compare::{Errors, compare};
 use crate::render::lights::Filtering;
 use crate::render::storage::Storage;
-use crate::render::{self, Renderer, Rendering, environment, lights, reference};
+use crate::render::{self, Method, Renderer, Rendering, environment, lights, reference};
 use crate::scene::Scene;
 
 /// Errors that a picture is chosen for.
@@ -31,6 +31,14 @@ struct Measured {
     names: Vec<String>,
     /// The picture with the least error.
     best: Option<(f64, Picture)>,
+}
+
+/// What came of one scene's settings.
+struct Measurements {
+    table: Table,
+    methods: Vec<Measured>,
+    /// Why settings were left out, a sentence each.
+    reasons: Vec<String>,
 }
 
 /// What one scene adds to the page.
@@ -149,8 +157,6 @@ fn section(name: &str, scene: &Scene, truth: u32, seed: u64) -> Result<OfScene> 
             ..Default::default()
         },
     )?;
-    let settings = settings(scene, &model, seed);
-    let bar = progress::bar(name, settings.len() as u64 + 1, "pictures");
     let judge = reference::Settings {
         samples: truth,
         max_error: Some(TRUTH_NOISE),
@@ -158,7 +164,39 @@ fn section(name: &str, scene: &Scene, truth: u32, seed: u64) -> Result<OfScene> 
         ..Default::default()
     };
     let truth = judge.render(scene, &scene.camera)?;
-    bar.advance(1);
+    let Measurements { table, methods, reasons } =
+        measure(name, scene, &truth, settings(scene, &model, seed), model.refused())?;
+    let noise = truth.estimated_error().unwrap_or_default();
+    let text = format!(
+        "Noise of the reference itself: at most {:.2} % relative RMSE.{}",
+        100.0 * noise,
+        reasons.concat()
+    );
+    let plots = vec![
+        plot("Relative RMSE by time", "relative RMSE", &methods, 1),
+        plot("FLIP by time", "FLIP", &methods, 2),
+    ];
+    let mut pictures = vec![picture("the reference", &truth, scene)?];
+    pictures.extend(methods.into_iter().filter_map(|of| of.best).map(|(_, picture)| picture));
+    let section = Section { title: name.into(), text, plots, pictures, tables: vec![table] };
+    let (mut choices, mut outcomes) = (Vec::new(), Vec::new());
+    for bound in BOUNDS {
+        if let Some((row, outcome)) = choice(scene, &model, &truth, bound)? {
+            choices.push(row);
+            outcomes.push(outcome);
+        }
+    }
+    Ok(OfScene { section, choices, outcomes })
+}
+
+/// Renders a scene with every setting and compares; what fails or is refused is left out of the plots.
+fn measure<'a>(
+    name: &str,
+    scene: &Scene,
+    truth: &Rendering,
+    settings: Vec<Setting<'_>>,
+    refused: impl Iterator<Item = (Method, &'a str, &'a Error)>,
+) -> Result<Measurements> {
     let mut table = Table::new([
         "renderer",
         "setting",
@@ -169,9 +207,10 @@ fn section(name: &str, scene: &Scene, truth: u32, seed: u64) -> Result<OfScene> 
         "relative RMSE",
         "FLIP",
     ]);
-    let mut measured: Vec<Measured> = Vec::new();
+    let mut methods: Vec<Measured> = Vec::new();
     let mut left_out: Vec<(&str, String, Error)> =
-        model.refused().map(|(method, name, error)| (method.name(), name.into(), error.clone())).collect();
+        refused.map(|(method, name, error)| (method.name(), name.into(), error.clone())).collect();
+    let bar = progress::bar(name, settings.len() as u64, "pictures");
     for Setting { method, name, render } in settings {
         bar.advance(1);
         let rendering = match render() {
@@ -183,20 +222,14 @@ fn section(name: &str, scene: &Scene, truth: u32, seed: u64) -> Result<OfScene> 
         };
         let Errors { rmse, relative_rmse, flip, .. } = compare(&rendering.picture, &truth.picture)?;
         let cost = &rendering.cost;
-        table.row([
-            method.into(),
-            name.as_str().into(),
-            cost.prepare_seconds.into(),
-            cost.render_seconds.into(),
-            (cost.memory_bytes as f64 / 1e6).into(),
-            rmse.into(),
-            relative_rmse.into(),
-            flip.into(),
-        ]);
-        if measured.last().is_none_or(|last| last.method != method) {
-            measured.push(Measured { method, ..Measured::default() });
+        let memory = cost.memory_bytes as f64 / 1e6;
+        let numbers =
+            [cost.prepare_seconds, cost.render_seconds, memory, rmse, relative_rmse, flip].map(Cell::from);
+        table.row(row(method, name.clone(), numbers));
+        if methods.last().is_none_or(|last| last.method != method) {
+            methods.push(Measured { method, ..Measured::default() });
         }
-        if let Some(last) = measured.last_mut() {
+        if let Some(last) = methods.last_mut() {
             if last.best.as_ref().is_none_or(|(error, _)| relative_rmse < *error) {
                 last.best = Some((relative_rmse, picture(&format!("{method}: {name}"), &rendering, scene)?));
             }
@@ -207,43 +240,18 @@ fn section(name: &str, scene: &Scene, truth: u32, seed: u64) -> Result<OfScene> 
     let mut reasons: Vec<String> = Vec::new();
     for (method, name, error) in left_out {
         let why = if error.kind() == Kind::Input { "not for this scene" } else { "failed" };
-        let nothing = || f64::NAN.into();
-        table.row([
-            method.into(),
-            format!("{name}: {why}").into(),
-            nothing(),
-            nothing(),
-            nothing(),
-            nothing(),
-            nothing(),
-            nothing(),
-        ]);
+        table.row(row(method, format!("{name}: {why}"), [f64::NAN; 6].map(Cell::from)));
         let reason = format!(" `{method}`: {error}.");
         if !reasons.contains(&reason) {
             reasons.push(reason);
         }
     }
-    let noise = truth.estimated_error().unwrap_or_default();
-    let text = format!(
-        "Noise of the reference itself: at most {:.2} % relative RMSE.{}",
-        100.0 * noise,
-        reasons.concat()
-    );
-    let plots = vec![
-        plot("Relative RMSE by time", "relative RMSE", &measured, 1),
-        plot("FLIP by time", "FLIP", &measured, 2),
-    ];
-    let mut pictures = vec![picture("the reference", &truth, scene)?];
-    pictures.extend(measured.into_iter().filter_map(|of| of.best).map(|(_, picture)| picture));
-    let section = Section { title: name.into(), text, plots, pictures, tables: vec![table] };
-    let (mut choices, mut outcomes) = (Vec::new(), Vec::new());
-    for bound in BOUNDS {
-        if let Some((row, outcome)) = choice(scene, &model, &truth, bound)? {
-            choices.push(row);
-            outcomes.push(outcome);
-        }
-    }
-    Ok(OfScene { section, choices, outcomes })
+    Ok(Measurements { table, methods, reasons })
+}
+
+/// A row of the table of one scene.
+fn row(method: &str, setting: String, [a, b, c, d, e, f]: [Cell; 6]) -> [Cell; 8] {
+    [method.into(), setting.into(), a, b, c, d, e, f]
 }
 
 /// A value of every setting by its time; a line joins what differs in samples alone.
@@ -295,8 +303,7 @@ fn picture(title: &str, rendering: &Rendering, scene: &Scene) -> Result<Picture>
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::reflectance::{LobeBrdf, Microfacet, Rgb};
-    use crate::scene::Material;
+    use crate::reflectance::Rgb;
     use std::path::Path;
 
     #[test]
@@ -309,22 +316,33 @@ mod tests {
         scene.environment = Some(crate::scene::Environment::from_function(32, 16, |d| {
             Rgb::splat(0.6 + 0.3 * d.x + d.y.max(0.0))
         }));
-        // Left with no renderer of lobes alone.
-        let mut coated = scene.clone();
-        let coat = Microfacet { f0: Rgb::splat(0.04), f90: Rgb::ONE, alpha: 0.3 };
-        let brdf = LobeBrdf { microfacets: vec![coat], ..LobeBrdf::diffuse(Rgb::splat(0.2)) };
-        coated.objects[0].material = Material::uniform(brdf);
-        let chart = chart(&[("ball".into(), scene), ("coated".into(), coated)], 128, 1).unwrap();
+        let chart = chart(&[("ball".into(), scene)], 128, 1).unwrap();
         let section = &chart.sections[1];
         let series = &section.plots[0].series;
         let errors: Vec<f64> = series[0].points.iter().map(|point| point[1]).collect();
         assert!(series.iter().any(|s| s.name == "environment") && errors.len() == 4);
         assert!(errors[3] < errors[0] / 2.0, "{errors:?}");
         assert_eq!(section.pictures.len(), 1 + series.len());
-        let refused = chart.sections[2].tables[0].to_string();
-        assert!(refused.contains("slices: not for this scene"), "{refused}");
         // Every bound has its outcome.
         let chosen = &chart.sections[0].plots[0].series;
         assert!(chosen.iter().all(|scene| scene.points.len() == BOUNDS.len()));
+    }
+
+    #[test]
+    fn a_setting_that_refuses_the_scene_is_said_to_and_does_not_stop_the_chart() {
+        let mut scene = Scene::open(Path::new("lamps")).unwrap();
+        (scene.camera.width, scene.camera.height) = (8, 6);
+        let settings = reference::Settings { samples: 1, ..Default::default() };
+        let render = || settings.render(&scene, &scene.camera);
+        let refuse = || Err(Error::input("too many lamps"));
+        let all = vec![
+            Setting { method: "one", name: "a".into(), render: Box::new(refuse) },
+            Setting { method: "two", name: "b".into(), render: Box::new(render) },
+        ];
+        let measured = measure("lamps", &scene, &render().unwrap(), all, std::iter::empty()).unwrap();
+        let table = measured.table.to_string();
+        assert!(table.contains("a: not for this scene") && measured.reasons == [" `one`: too many lamps."]);
+        assert_eq!(measured.methods.len(), 1);
+        assert_eq!(measured.methods[0].values[0][1], 0.0);
     }
 }
