@@ -15,8 +15,6 @@ use crate::error::{Error, Result};
 use crate::progress;
 use crate::scene::{Camera, Scene};
 
-/// Error of prefiltered maps: half of the time and a third of the memory of the method's own default, and less than what their use leaves anyway.
-const MAP_ERROR: f32 = 0.03;
 /// Pixels a row of the small view at most.
 const SMALL_WIDTH: u32 = 64;
 /// Samples a pixel of the pictures that judge the small view.
@@ -42,7 +40,7 @@ pub struct Setting {
 pub fn settings(scene: &Scene, base: &Settings) -> Vec<Setting> {
     let mut all: Vec<Setting> = Vec::new();
     if scene.environment.is_some() {
-        let base = environment::Settings { map_error: MAP_ERROR, ..base.environment };
+        let base = base.environment;
         let variants = [
             ("slices", base),
             ("slices, on the GPU", environment::Settings { gpu: true, ..base }),
