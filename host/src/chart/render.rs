@@ -13,7 +13,7 @@ use crate::scene::Scene;
 /// Errors that a picture is chosen for.
 const BOUNDS: [f64; 3] = [0.3, 0.1, 0.03];
 /// Relative RMSE at which the reference that judges has samples enough.
-const TRUTH_NOISE: f64 = 0.005;
+const TRUTH_NOISE: f64 = 0.01;
 
 /// One way to render a scene's view.
 struct Setting<'a> {
@@ -152,7 +152,8 @@ fn section(name: &str, scene: &Scene, truth: u32, seed: u64) -> Result<OfScene> 
     let model = Model::measure(
         scene,
         &render::Settings {
-            reference: reference::Settings { samples: 1 << 20, seed, ..Default::default() },
+            // No better than what judges it.
+            reference: reference::Settings { samples: truth, seed, ..Default::default() },
             environment: environment::Settings { seed, ..Default::default() },
             ..Default::default()
         },
