@@ -149,15 +149,7 @@ fn choices(scenes: &[(String, Scene)], charted: &[OfScene]) -> Section {
 
 /// One scene.
 fn section(name: &str, scene: &Scene, truth: u32, seed: u64) -> Result<OfScene> {
-    let model = Model::measure(
-        scene,
-        &render::Settings {
-            // No better than what judges it.
-            reference: reference::Settings { samples: truth, seed, ..Default::default() },
-            environment: environment::Settings { seed, ..Default::default() },
-            ..Default::default()
-        },
-    )?;
+    let model = model(scene, truth, seed)?;
     let judge = reference::Settings {
         samples: truth,
         max_error: Some(TRUTH_NOISE),
@@ -188,6 +180,16 @@ fn section(name: &str, scene: &Scene, truth: u32, seed: u64) -> Result<OfScene> 
         }
     }
     Ok(OfScene { section, choices, outcomes })
+}
+
+/// Times and errors by which a setting is chosen; the path tracer takes no more samples than what judges it.
+fn model(scene: &Scene, truth: u32, seed: u64) -> Result<Model<'_>> {
+    let settings = render::Settings {
+        reference: reference::Settings { samples: truth, seed, ..Default::default() },
+        environment: environment::Settings { seed, ..Default::default() },
+        ..Default::default()
+    };
+    Model::measure(scene, &settings)
 }
 
 /// Renders a scene with every setting and compares; what fails or is refused is left out of the plots.
@@ -317,16 +319,36 @@ mod tests {
         scene.environment = Some(crate::scene::Environment::from_function(32, 16, |d| {
             Rgb::splat(0.6 + 0.3 * d.x + d.y.max(0.0))
         }));
-        let chart = chart(&[("ball".into(), scene)], 128, 1).unwrap();
-        let section = &chart.sections[1];
-        let series = &section.plots[0].series;
-        let errors: Vec<f64> = series[0].points.iter().map(|point| point[1]).collect();
-        assert!(series.iter().any(|s| s.name == "environment") && errors.len() == 4);
+        let model = model(&scene, 128, 1).unwrap();
+        let mut all = settings(&scene, &model, 1);
+        // The raster's variants have tests of their own, and a driver in software takes seconds for each.
+        all.retain(|setting| setting.method != "lights");
+        let judge = reference::Settings { samples: 128, seed: 7, ..Default::default() };
+        let truth = judge.render(&scene, &scene.camera).unwrap();
+        let methods = measure("ball", &scene, &truth, all, model.refused()).unwrap().methods;
+        let errors: Vec<f64> = methods[0].values.iter().map(|value| value[1]).collect();
+        assert!(methods.iter().any(|of| of.method == "environment") && errors.len() == 4);
         assert!(errors[3] < errors[0] / 2.0, "{errors:?}");
-        assert_eq!(section.pictures.len(), 1 + series.len());
-        // Every bound has its outcome.
-        let chosen = &chart.sections[0].plots[0].series;
-        assert!(chosen.iter().all(|scene| scene.points.len() == BOUNDS.len()));
+        assert!(methods.iter().all(|of| of.best.is_some()));
+        for bound in BOUNDS {
+            let (_, [_, error, ..]) = choice(&scene, &model, &truth, bound).unwrap().unwrap();
+            assert!(error < 1.3 * bound, "{error} for {bound}");
+        }
+    }
+
+    #[test]
+    fn choices_of_all_scenes_stand_in_one_table() {
+        let charted = OfScene {
+            section: Section::default(),
+            choices: vec![["0.1", "lights", "shaded", "1", "2", "0.03", "0.04", "0.05"].map(Cell::from)],
+            outcomes: vec![[0.03, 0.05, 1.0, 2.0]],
+        };
+        let scene = Scene::open(Path::new("lamps")).unwrap();
+        let section = choices(&[("lamps".into(), scene)], &[charted]);
+        let table = section.tables[0].to_string();
+        assert!(table.contains("lamps  0.1  lights  shaded"), "{table}");
+        assert_eq!(section.plots[0].series[0].points, [[0.03, 0.05]]);
+        assert_eq!(section.plots[1].series[0].points, [[1.0, 2.0]]);
     }
 
     #[test]
