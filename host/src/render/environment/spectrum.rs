@@ -374,7 +374,8 @@ mod tests {
     #[test]
     fn a_lobe_s_degrees_are_those_of_quadrature() {
         // P_0, P_1, P_2, P_3 and P_6 over 0..1.
-        let p: [(usize, fn(f64) -> f64); 5] = [
+        type Polynomial = fn(f64) -> f64;
+        let p: [(usize, Polynomial); 5] = [
             (0, |_| 1.0),
             (1, |t| t),
             (2, |t| 1.5 * t * t - 0.5),
