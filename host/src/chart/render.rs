@@ -59,7 +59,7 @@ fn settings<'a>(scene: &'a Scene, model: &Model<'a>, seed: u64) -> Vec<Setting<'
     };
     let all_bounces = reference::Settings { seed, ..Default::default() };
     let one = reference::Settings { bounces: 1, ..all_bounces };
-    for (method, paths) in [("reference", all_bounces), ("reference, no interreflection", one)] {
+    for (method, paths) in [("reference", all_bounces), ("reference, one bounce", one)] {
         for samples in [1, 4, 16, 64] {
             let renderer = reference::Settings { samples, ..paths };
             add(method, format!("{samples} samples"), Box::new(renderer));
