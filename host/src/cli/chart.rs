@@ -43,7 +43,7 @@ enum What {
         #[arg(long, value_name = "E", default_value_t = 0.01)]
         map_error: f32,
         /// Pixels a row of the pictures
-        #[arg(long, default_value_t = 64, value_parser = clap::value_parser!(u32).range(16..=4096))]
+        #[arg(long, default_value_t = 128, value_parser = clap::value_parser!(u32).range(16..=4096))]
         width: u32,
     },
     /// Frames per second of `lights` by lobes, lights, pixels, filter and storage; needs a GPU
@@ -59,11 +59,11 @@ enum What {
     Render {
         /// Scenes, files or shipped ones; all shipped ones when none is named
         scenes: Vec<PathBuf>,
-        /// Samples a pixel of the reference that judges
+        /// Samples a pixel of the reference that judges, at most
         #[arg(long, default_value_t = 1024, value_parser = clap::value_parser!(u32).range(16..=1_048_576))]
         samples: u32,
         /// Pixels a row of the pictures; rows follow from the scene's own shape
-        #[arg(long, default_value_t = 160, value_parser = clap::value_parser!(u32).range(16..=4096))]
+        #[arg(long, default_value_t = 120, value_parser = clap::value_parser!(u32).range(16..=4096))]
         width: u32,
     },
 }

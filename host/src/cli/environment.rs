@@ -73,7 +73,7 @@ pub(super) struct PrefilterArgs {
     /// Rows of every map, instead of as many as its exponent needs for --map-error
     #[arg(long, value_parser = clap::value_parser!(u32).range(4..=8192))]
     height: Option<u32>,
-    /// Relative error that the light's gathering and the lobes' ends may add, RMS over directions
+    /// Relative error of bilinear lookups in the maps, RMS over directions; rows follow from it
     #[arg(long, value_name = "E", default_value_t = Settings::default().map_error)]
     map_error: f32,
 }
@@ -89,9 +89,12 @@ pub(super) fn run(args: &PrefilterArgs, context: &mut Context) -> Result<()> {
     }
     files::create_folder(&args.output)?;
     let bar = progress::bar("prefilter", args.exponents.len() as u64, "maps");
-    for &n in &args.exponents {
-        let height = args.height.map(|height| height as usize);
-        let map = context.report.stage("prefilter", || prefilter(&environment, n, height, args.map_error))?;
+    let height = args.height.map(|height| height as usize);
+    let mut maps = context
+        .report
+        .stage("project", || prefilter(&environment, &args.exponents, height, args.map_error))?;
+    for n in &args.exponents {
+        let Some(map) = context.report.stage("prefilter", || maps.next()) else { break };
         let path = args.output.join(format!("n-{n}.exr"));
         let pixels = map.pixels.iter().map(|pixel| pixel.extend(1.0)).collect();
         Picture { width: map.width, height: map.height, pixels }.write(&path, 1.0)?;

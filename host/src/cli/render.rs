@@ -8,7 +8,7 @@ use super::environment::EnvironmentArgs;
 use crate::chart::Table;
 use crate::error::{Error, Result};
 use crate::fit::figures::ErrorFigure;
-use crate::render::choose::{Model, Tried};
+use crate::render::choose::{Model, Tried, taken};
 use crate::render::compare::{Errors, compare};
 use crate::render::lights::{self, Filtering};
 use crate::render::storage::Storage;
@@ -170,7 +170,7 @@ pub(super) fn run(args: &RenderArgs, context: &mut Context) -> Result<()> {
     if !outcome.tried.is_empty() {
         print!("{}", outcomes(&outcome.tried));
     }
-    if let Some(Tried { predicted, actual: Some(actual), .. }) = chosen(&outcome.tried) {
+    if let Some(Tried { predicted, actual: Some(actual), .. }) = taken(&outcome.tried) {
         for (name, [_, error]) in [("predicted_relative_rmse", predicted), ("verified_relative_rmse", actual)]
         {
             let over = format!("{} pixels × 3 channels", picture.pixels.len());
@@ -198,11 +198,6 @@ pub(super) fn run(args: &RenderArgs, context: &mut Context) -> Result<()> {
         context.note(format!("--max-error {wanted} was not reached: {reached:.4}"));
     }
     Ok(())
-}
-
-/// The setting that `auto` took.
-fn chosen(tried: &[Tried]) -> Option<&Tried> {
-    tried.iter().rfind(|tried| tried.actual.is_some())
 }
 
 /// What was predicted of every setting, and what came out of those that were tried.
@@ -415,7 +410,7 @@ mod tests {
         let mut args = args(folder.path(), Method::Auto, &["a.png"]);
         (args.samples, args.max_error) = (None, Some(0.1));
         let outcome = render_scene(&args, 1).unwrap();
-        let taken = chosen(&outcome.tried).unwrap();
+        let taken = taken(&outcome.tried).unwrap();
         assert!(taken.method == outcome.method && taken.actual.unwrap()[1] <= 0.1, "{:?}", outcome.tried);
         let table = outcomes(&outcome.tried).to_string();
         assert!(table.contains("predicted relative RMSE") && table.matches("chosen").count() == 1, "{table}");

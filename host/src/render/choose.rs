@@ -11,12 +11,10 @@ use std::rc::Rc;
 use super::{
     Chosen, Method, Picture, Prepared, Renderer, Rendering, Settings, compare, environment, reference,
 };
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::progress;
 use crate::scene::{Camera, Scene};
 
-/// Error of prefiltered maps: a tenth of the time of the method's own default, and less than what their use leaves anyway.
-const MAP_ERROR: f32 = 0.03;
 /// Pixels a row of the small view at most.
 const SMALL_WIDTH: u32 = 64;
 /// Pixels a row of the second view, as a multiple of the small one's.
@@ -44,7 +42,7 @@ pub struct Setting {
 pub fn settings(scene: &Scene, base: &Settings) -> Vec<Setting> {
     let mut all: Vec<Setting> = Vec::new();
     if scene.environment.is_some() {
-        let base = environment::Settings { map_error: MAP_ERROR, ..base.environment };
+        let base = base.environment;
         let variants = [
             ("slices", base),
             ("slices, on the GPU", environment::Settings { gpu: true, ..base }),
@@ -96,8 +94,8 @@ pub struct Model<'a> {
     scene: &'a Scene,
     base: reference::Settings,
     candidates: Vec<Candidate<'a>>,
-    /// Why a method was left out.
-    note: Option<String>,
+    /// What failed or cannot draw the scene, and why.
+    refused: Vec<(Method, &'static str, Error)>,
 }
 
 /// A setting, what was predicted of it, and what came out if it was tried.
@@ -119,8 +117,13 @@ pub struct Outcome<'a> {
     pub chosen: Chosen<'a>,
     /// The view.
     pub rendering: Rendering,
-    /// All settings by predicted time; the last that has an actual error is the one chosen.
+    /// All settings by predicted time; which was chosen says [`taken`].
     pub tried: Vec<Tried>,
+}
+
+/// The setting that was taken: the last that has an actual error.
+pub fn taken(tried: &[Tried]) -> Option<&Tried> {
+    tried.iter().rfind(|tried| tried.actual.is_some())
 }
 
 impl<'a> Model<'a> {
@@ -130,7 +133,7 @@ impl<'a> Model<'a> {
     /// Those of the scene and of the path tracer. Another method that fails or cannot draw the scene is left out.
     pub fn measure(scene: &'a Scene, given: &Settings) -> Result<Self> {
         let base = reference::Settings { max_error: None, ..given.reference };
-        let mut model = Self { scene, base, candidates: Vec::new(), note: None };
+        let mut model = Self { scene, base, candidates: Vec::new(), refused: Vec::new() };
         let view = small(&scene.camera);
         let pixels = f64::from(view.width * view.height);
         let settings = settings(scene, given);
@@ -184,10 +187,21 @@ impl<'a> Model<'a> {
                     bias: compare::relative_rmse_by(&judges, &rendering.picture),
                     noise: 0.0,
                 }),
-                Err(error) => model.note = Some(error.to_string()),
+                Err(error) => model.refused.push((method, name, error)),
             }
         }
         Ok(model)
+    }
+
+    /// The renderers without noise that are ready for views, with their settings.
+    pub fn ready(&self) -> impl Iterator<Item = (Method, &str, Rc<dyn Prepared + 'a>)> {
+        let ready = |of: &'_ Candidate<'a>| of.prepared.clone();
+        self.candidates.iter().filter_map(move |of| Some((of.method, of.name.as_str(), ready(of)?)))
+    }
+
+    /// The settings that failed or cannot draw the scene, and why.
+    pub fn refused(&self) -> impl Iterator<Item = (Method, &str, &Error)> {
+        self.refused.iter().map(|(method, name, error)| (*method, *name, error))
     }
 
     /// Renders the view with the cheapest setting that meets an error.
@@ -251,7 +265,7 @@ impl<'a> Model<'a> {
                 (Chosen { prepared, method: Method::Reference, note: None }, rendering)
             }
         };
-        chosen.note = self.note.clone();
+        chosen.note = self.refused.last().map(|(.., error)| error.to_string());
         Ok(Outcome { chosen, rendering, tried })
     }
 
@@ -291,7 +305,7 @@ impl Candidate<'_> {
 }
 
 /// The path tracer as a judge, with a seed of its own.
-fn judge(base: &reference::Settings, k: u64, samples: u32) -> reference::Settings {
+pub(crate) fn judge(base: &reference::Settings, k: u64, samples: u32) -> reference::Settings {
     let seed = base.seed ^ k.wrapping_mul(0x9e37_79b9_7f4a_7c15);
     reference::Settings { samples, seconds: None, max_error: None, seed, ..*base }
 }
@@ -346,7 +360,7 @@ mod tests {
                 .meet(&scene.camera, max_error)
                 .unwrap();
             let error = compare::compare(&outcome.rendering.picture, &truth).unwrap().relative_rmse;
-            let last = outcome.tried.iter().rfind(|tried| tried.actual.is_some()).unwrap();
+            let last = taken(&outcome.tried).unwrap();
             assert!(error < 1.1 * max_error, "{error} for {max_error}: {:?}", outcome.tried);
             assert!(last.method == outcome.chosen.method && last.actual.unwrap()[1] <= max_error);
         }

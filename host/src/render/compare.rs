@@ -83,18 +83,6 @@ pub(crate) fn expected_relative_rmse(means: impl Iterator<Item = Rgb> + Clone, v
     (sum(relative) / values).max(0.0).sqrt()
 }
 
-/// The relative RMSE over pairs of a pixel and its truth, ε a tenth of the mean of `all`.
-pub(crate) fn relative_rmse(all: impl Iterator<Item = Rgb>, pairs: impl Iterator<Item = (Rgb, Rgb)>) -> f64 {
-    let (total, count) =
-        all.fold((0.0, 0usize), |(total, count), pixel| (total + f64::from(pixel.element_sum()), count + 3));
-    let floor = (FLOOR * total / count.max(1) as f64).powi(2).max(f64::MIN_POSITIVE) as f32;
-    let (squares, count) = pairs.fold((0.0, 0usize), |(squares, count), (found, truth)| {
-        let relative = (found - truth) * (found - truth) / (truth * truth + Vec3::splat(floor));
-        (squares + f64::from(relative.element_sum()), count + 3)
-    });
-    (squares / count.max(1) as f64).sqrt()
-}
-
 /// Sum over all values and channels.
 fn sum(values: impl Iterator<Item = Vec3>) -> f64 {
     values.map(|v| f64::from(v.x) + f64::from(v.y) + f64::from(v.z)).sum()

@@ -8,7 +8,6 @@ of a cosine. Lobes are as wide as each other when the mean cosine under them is 
 
 import json
 import math
-import os
 import subprocess
 import sys
 from pathlib import Path
@@ -66,13 +65,23 @@ def read(path):
     return np.asarray(pixels, float)[..., 1] if pixels.ndim == 3 else np.asarray(pixels, float)
 
 
+# A process of its own waits for the command: Linux counts the memory of whoever starts a program as the program's.
+WAITER = """
+import os, sys
+pid = os.posix_spawnp(sys.argv[1], sys.argv[1:], os.environ, file_actions=[(os.POSIX_SPAWN_OPEN, 1, os.devnull, os.O_WRONLY, 0)])
+_, status, usage = os.wait4(pid, 0)
+print(status, usage.ru_utime + usage.ru_stime, usage.ru_maxrss)
+"""
+
+
 def run(command):
     """Runs a command; returns CPU seconds and peak memory in MB."""
-    process = subprocess.Popen([str(part) for part in command], stdout=subprocess.DEVNULL)
-    _, status, usage = os.wait4(process.pid, 0)
-    if status != 0:
+    command = [str(part) for part in command]
+    waiter = subprocess.run([sys.executable, "-I", "-S", "-c", WAITER, *command], capture_output=True, text=True, check=True)
+    status, seconds, kilobytes = waiter.stdout.split()
+    if int(status) != 0:
         raise RuntimeError(f"{command} failed")
-    return usage.ru_utime + usage.ru_stime, usage.ru_maxrss / 1024
+    return float(seconds), int(kilobytes) / 1024
 
 
 def power(n):
@@ -186,7 +195,7 @@ def main():
 
     def tell(task, tool, samples, seconds, memory, errors):
         report.append({"task": task, "tool": tool, "samples": samples, "cpu_seconds": seconds, "peak_memory_mb": memory, "errors": errors})
-        listed = "  ".join(f"{error:8.2%}" for error in errors)
+        listed = "  ".join(f"{100 * error:8.2g} %" for error in errors)
         print(f"{task:9} {tool:8} {samples!s:>7} {seconds:8.2f} {memory:8.0f}   {listed}", flush=True)
 
     print("task      tool     samples    CPU s       MB   relative RMS error of every map")

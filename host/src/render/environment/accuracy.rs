@@ -5,34 +5,32 @@
 //! | step | its error | chosen |
 //! |---|---|---|
 //! | bilinear lookup of S^(1/n) at angular spacing h | at most n h² / 4 for a point of light, whose root is a cosine | h² = [`PIXEL`] E / n |
-//! | light gathered into points at spacing p | n p² / 24 (1 + 2 ln 1/c) for even light where the lobe is c of its peak | p² = [`GATHERED`] E / n |
-//! | both for n < 2, where the lobe's edge at 90° shows | h / 8 of the peak in a band of width h | [`EDGE`] for n in h, a quarter of it in p |
-//! | the lobe's end | measured at probes | E / 10 |
+//! | the same for n < 2, where the lobe's edge at 90° shows | h / 8 of the peak in a band of width h | [`EDGE`] for n |
 //! | blended exponents | measured at probes | E / 2 |
+//! | on the GPU: light gathered into points at spacing p | n p² / 24 (1 + 2 ln 1/c) for even light where the lobe is c of its peak | p² = [`GATHERED`] E / n, a quarter of [`EDGE`] for n < 2 |
+//! | on the GPU: lobes end at the part c of their peak | at most 20 (n + 1) c, by what ε is at least | E / 10 |
 //!
-//! The last two depend on the environment: a sun outshines a dim sky down to where its lobe is as dim, and there log S
-//! bends most between exponents.
+//! Blending depends on the environment: a sun outshines a dim sky down to where its lobe is as dim, and there log S bends most
+//! between exponents. On the CPU the maps' own values are exact to far less than E (module [`spectrum`](super::spectrum)).
 
 use std::f32::consts::{PI, TAU};
 
 use glam::{Vec2, Vec3};
 use rayon::prelude::*;
 
-use super::prefilter::{blended, three_weights};
+use super::prefilter::{blended, log2, three_weights};
 use super::source::{Cap, Source};
+use super::spectrum::{self, Spectrum};
 use crate::reflectance::{Rgb, colour};
 use crate::scene::{Environment, environment::direction_of};
 
 /// See the table above.
-const PIXEL: f32 = 3.0;
+const PIXEL: f32 = 4.0;
 const GATHERED: f32 = 2.0;
 /// Exponents below it are treated as it is.
 const WIDEST: f32 = 4.0;
 /// What stands for n below 2.
 const EDGE: f32 = 48.0;
-/// Parts of the peak at which lobes may end, and where the whole lobe does.
-const CUTS: [f32; 5] = [1e-3, 1e-4, 1e-5, 1e-6, 1e-7];
-const WHOLE: f32 = 1e-8;
 /// Slices an octave of exponents that are tried.
 const STEPS: [u32; 6] = [1, 2, 3, 4, 6, 8];
 /// Directions in which errors are measured.
@@ -111,36 +109,32 @@ fn rms(errors: impl Iterator<Item = f32>) -> f32 {
     (sum / f32::max(count, 1.0)).sqrt()
 }
 
-/// The environment's light as points for an exponent, and the lobe as far as it counts.
-pub(super) fn prepared(environment: &Environment, n: f32, error: f32) -> (Source, Cap) {
-    let source = Source::new(environment, source_spacing(n, error));
-    let judge = Judge::new(environment);
-    let probes = judge.directions(n, PROBES, 0.0);
-    let light = |cut: f32| -> Vec<Rgb> {
-        let cap = Cap::new(n, cut);
-        probes.par_iter().map(|&toward| source.filtered(toward, &cap)).collect()
-    };
-    let whole = light(WHOLE);
-    let meets = |&cut: &f32| {
-        rms(light(cut).iter().zip(&whole).map(|(&part, &whole)| judge.relative(part, whole, n)))
-            <= error / 10.0
-    };
-    let cut = CUTS.into_iter().find(meets).unwrap_or(WHOLE);
-    (source, Cap::new(n, cut))
+/// The environment's light as points for an exponent, and the lobe as far as it counts: what the GPU gathers.
+pub(super) fn gathered(environment: &Environment, n: f32, error: f32) -> (Source, Cap) {
+    // Beyond the lobe's end is at most the cut times all light, and ε is 0.05 / (n + 1) of that.
+    let cut = error / (200.0 * (n + 1.0));
+    (Source::new(environment, source_spacing(n, error)), Cap::new(n, cut))
 }
 
 /// Slices an octave of exponents so that three of them blended stay within half of the error at the probes.
-pub(super) fn steps_per_octave(environment: &Environment, low: f32, high: f32, error: f32) -> u32 {
+pub(super) fn steps_per_octave(
+    environment: &Environment,
+    spectrum: &Spectrum,
+    (low, high): (f32, f32),
+    error: f32,
+) -> u32 {
     let judge = Judge::new(environment);
     let octaves = (high / low).log2().ceil().max(1.0) as i32;
     let mut least = 0;
     for octave in 0..octaves {
         let top = high * 0.5f32.powi(octave);
-        let source = Source::new(environment, source_spacing(top, error));
         let probes = judge.directions(top, PROBES, 0.0);
+        // Lower exponents may have more degrees, by their edge.
+        let band = [top, 1.0].map(|n| spectrum::kernel(n, error).len()).into_iter().fold(0, usize::max);
+        let degrees: Vec<_> = probes.into_par_iter().map(|toward| spectrum.degrees(toward, band)).collect();
         let log_light = |n: f32| -> Vec<Rgb> {
-            let cap = Cap::new(n, WHOLE);
-            probes.par_iter().map(|&toward| super::prefilter::log2(source.filtered(toward, &cap))).collect()
+            let kernel = spectrum::kernel(n, error);
+            degrees.iter().map(|degrees| log2(spectrum::light(degrees, &kernel))).collect()
         };
         let first = log_light(top);
         // What is enough for one octave is where the next begins.
@@ -150,7 +144,7 @@ pub(super) fn steps_per_octave(environment: &Environment, low: f32, high: f32, e
             let n = top * ratio.sqrt();
             let [lowest, low, between] = [nodes[0], nodes[1], n].map(log_light);
             let weights = three_weights(nodes, n);
-            let errors = (0..probes.len()).map(|i| {
+            let errors = (0..degrees.len()).map(|i| {
                 let found = blended([lowest[i], low[i], first[i]], weights);
                 judge.relative(found, between[i].map(f32::exp2), n)
             });

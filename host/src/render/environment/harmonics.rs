@@ -36,7 +36,7 @@ impl Harmonics {
         let image = Environment { rotation: 0.0, ..environment.clone() };
         let source = Source::new(&image, 0.03);
         let mut coefficients = [Rgb::ZERO; 9];
-        for (direction, flux) in source.points() {
+        for (direction, flux) in source.points {
             for (coefficient, value) in coefficients.iter_mut().zip(basis(direction)) {
                 *coefficient += flux * value;
             }

@@ -15,12 +15,13 @@ mod prefilter;
 pub(crate) mod quadrature;
 mod raster;
 mod source;
+mod spectrum;
 #[cfg(test)]
 mod tests;
 
 use std::time::Instant;
 
-use glam::{Vec2, Vec3, Vec4};
+use glam::{Vec3, Vec4};
 use rayon::prelude::*;
 
 pub use prefilter::Encoding;
@@ -35,11 +36,11 @@ use super::shading::{self, Lamp, Rays};
 use super::{Cost, Prepared, Renderer, Rendering, lights, math};
 use crate::error::{Error, Result};
 use crate::reflectance::Rgb;
-use crate::scene::environment::direction_of;
 use crate::scene::{Camera, Environment, Scene};
 use coats::{Coats, Part};
 use harmonics::Harmonics;
 use horizon::{Clipped, Horizon};
+use spectrum::Spectrum;
 
 /// How to prefilter and to draw.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -107,31 +108,31 @@ impl Renderer for Settings {
     }
 }
 
-/// The mean radiance under a lobe of an exponent, ∫ (ω_p·ω)ⁿ L dω / ∫ (ω_p·ω)ⁿ dω, for peaks at the centres of an equirectangular
-/// map's pixels; of `height` rows, or of as many as the error needs.
+/// The mean radiance under lobes of some exponents, ∫ (ω_p·ω)ⁿ L dω / ∫ (ω_p·ω)ⁿ dω, for peaks at the centres of an equirectangular
+/// map's pixels; of `height` rows, or of as many as the error needs. A map is computed when it is asked for.
 ///
 /// # Errors
 /// Input errors for an error out of range.
 pub fn prefilter(
     environment: &Environment,
-    n: f32,
+    exponents: &[f32],
     height: Option<usize>,
     error: f32,
-) -> Result<Environment> {
+) -> Result<impl Iterator<Item = Environment>> {
     check_error(error)?;
-    let height = height.unwrap_or_else(|| accuracy::map_height(n, error));
-    let width = 2 * height;
-    let (source, cap) = accuracy::prepared(environment, n, error);
-    let direction = |index: usize| {
-        let (x, y) = ((index % width) as f32 + 0.5, (index / width) as f32 + 0.5);
-        direction_of(Vec2::new(x / width as f32, y / height as f32))
-    };
-    let even = (n + 1.0) / std::f32::consts::TAU;
-    let pixels: Vec<Rgb> = (0..width * height)
-        .into_par_iter()
-        .map(|index| source.filtered(direction(index), &cap) * even)
-        .collect();
-    Ok(Environment { width, height, pixels: pixels.into(), rotation: environment.rotation })
+    let image = Environment { rotation: 0.0, ..environment.clone() };
+    let rotation = environment.rotation;
+    let spectrum = Spectrum::new(&image, exponents, error);
+    Ok(exponents.iter().map(move |&n| {
+        let height = height.unwrap_or_else(|| accuracy::map_height(n, error));
+        let width = 2 * height;
+        let polar: Vec<f64> =
+            (0..height).map(|y| std::f64::consts::PI * (y as f64 + 0.5) / height as f64).collect();
+        let mut pixels = spectrum.map(&spectrum::kernel(n, error), width, &polar);
+        let even = (n + 1.0) / std::f32::consts::TAU;
+        pixels.iter_mut().for_each(|pixel| *pixel *= even);
+        Environment { width, height, pixels: pixels.into(), rotation }
+    }))
 }
 
 /// Refuses an error that maps cannot be made for.
@@ -152,7 +153,7 @@ struct Light {
 }
 
 impl Light {
-    /// Prefilters an environment for the lobes of some materials, on the GPU when there is one.
+    /// Prefilters an environment for the lobes of some materials, on the GPU when there is one in hardware.
     ///
     /// # Errors
     /// Failures of the GPU.
@@ -174,14 +175,10 @@ impl Light {
             (true, true) => (low, high.max(horizon::widest_clipped(high))),
         };
         let Settings { encoding, map_error, .. } = *settings;
-        let maps = match gpu.map(gpu::Prefilter::new).transpose()? {
-            Some(gpu) => Prefiltered::new(environment, range, encoding, map_error, |source, cap, rows| {
-                gpu.slice(source, cap, rows)
-            }),
-            None => Prefiltered::on_cpu(environment, range, encoding, map_error),
-        };
+        // A software driver would take far longer than the CPU's own way.
+        let gpu = gpu.filter(|gpu| !gpu.is_software()).map(gpu::Prefilter::new).transpose()?;
         Ok(Self {
-            maps: maps?,
+            maps: Prefiltered::new(environment, range, encoding, map_error, gpu.as_ref())?,
             harmonics: settings.harmonics.then(|| Harmonics::new(environment)),
             horizon: settings.horizon.then(Horizon::table),
             coats,

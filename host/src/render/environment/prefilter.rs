@@ -9,12 +9,12 @@ use bytemuck::{Pod, Zeroable};
 use glam::{Vec2, Vec3, Vec4};
 use rayon::prelude::*;
 
-use super::accuracy;
-use super::source::{Cap, Source};
+use super::spectrum::{self, Spectrum};
+use super::{accuracy, gpu};
 use crate::error::Result;
 use crate::reflectance::Rgb;
 use crate::render::math;
-use crate::scene::{Environment, environment::direction_of, environment::texture_of};
+use crate::scene::{Environment, environment::texture_of};
 
 /// log₂ of nothing.
 const DARK: f32 = -100.0;
@@ -34,16 +34,14 @@ pub enum Encoding {
 }
 
 /// S^(1/n) for one exponent. The first and the last row are the poles, where a lookup would else see what lies beside them.
-pub(super) fn slice(source: &Source, cap: &Cap, height: usize) -> Environment {
+pub(super) fn slice(spectrum: &Spectrum, n: f32, error: f32, height: usize) -> Environment {
     let width = 2 * height;
-    let direction = |index: usize| {
-        let (x, y) = ((index % width) as f32 + 0.5, (index / width) as f32);
-        direction_of(Vec2::new(x / width as f32, y / (height - 1) as f32))
-    };
-    let light = |index: usize| {
-        source.filtered(direction(index), cap).map(|v| if v > 0.0 { math::powf(v, 1.0 / cap.n) } else { 0.0 })
-    };
-    let pixels: Vec<Rgb> = (0..width * height).into_par_iter().map(light).collect();
+    let polar: Vec<f64> =
+        (0..height).map(|y| std::f64::consts::PI * y as f64 / (height - 1) as f64).collect();
+    let mut pixels = spectrum.map(&spectrum::kernel(n, error), width, &polar);
+    pixels.par_iter_mut().for_each(|pixel| {
+        *pixel = pixel.map(|v| if v > 0.0 { math::powf(v, 1.0 / n) } else { 0.0 });
+    });
     Environment { width, height, pixels: pixels.into(), rotation: 0.0 }
 }
 
@@ -85,25 +83,30 @@ pub(crate) struct Prefiltered {
 }
 
 impl Prefiltered {
-    /// Prefilters an environment for lobes of exponents from `range.0` to `range.1` and an error ([`accuracy`]); `make`
-    /// computes a map of so many rows.
+    /// Prefilters an environment for lobes of exponents from `range.0` to `range.1` and an error ([`accuracy`]), on the GPU when
+    /// there is one.
     ///
     /// # Errors
-    /// Those of `make`.
+    /// Failures of the GPU.
     pub(super) fn new(
         environment: &Environment,
         range: (f32, f32),
         encoding: Encoding,
         error: f32,
-        mut make: impl FnMut(&Source, &Cap, usize) -> Result<Environment>,
+        gpu: Option<&gpu::Prefilter<'_>>,
     ) -> Result<Self> {
         let image = Environment { rotation: 0.0, ..environment.clone() };
-        let mut map = |n: f32, height: usize| {
-            let (source, cap) = accuracy::prepared(&image, n, error);
-            make(&source, &cap, height)
+        // D(N)'s edge has more degrees than any wider lobe.
+        let spectrum = Spectrum::new(&image, &[1.0, range.1.max(LEAST)], error);
+        let map = |n: f32, height: usize| match gpu {
+            Some(gpu) => {
+                let (source, cap) = accuracy::gathered(&image, n, error);
+                gpu.slice(&source, &cap, height)
+            }
+            None => Ok(slice(&spectrum, n, error, height)),
         };
         let diffuse = map(1.0, accuracy::map_height(1.0, error))?;
-        let nodes = nodes(&image, range, encoding, error);
+        let nodes = nodes(&image, &spectrum, range, encoding, error);
         let finest = nodes.last().map_or(0, |&n| accuracy::map_height(n, error));
         let levels = nodes.len() - 1;
         let slices = nodes.into_iter().enumerate().map(|(k, n)| {
@@ -128,7 +131,7 @@ impl Prefiltered {
         encoding: Encoding,
         error: f32,
     ) -> Result<Self> {
-        Self::new(environment, range, encoding, error, |source, cap, rows| Ok(slice(source, cap, rows)))
+        Self::new(environment, range, encoding, error, None)
     }
 
     /// The maps, that of D(N) first.
@@ -201,14 +204,22 @@ pub(super) fn three_weights([n0, n1, n2]: [f32; 3], n: f32) -> [f32; 3] {
 }
 
 /// Exponents to prefilter: one for lobes that have only one, else three or more in equal ratios down from the highest.
-fn nodes(environment: &Environment, range: (f32, f32), encoding: Encoding, error: f32) -> Vec<f32> {
+fn nodes(
+    environment: &Environment,
+    spectrum: &Spectrum,
+    range: (f32, f32),
+    encoding: Encoding,
+    error: f32,
+) -> Vec<f32> {
     let (low, high) = (range.0.max(LEAST), range.1.max(LEAST));
     if high <= low * 1.001 {
         return vec![high];
     }
     let octaves = match encoding {
         Encoding::Mips => 2.0,
-        Encoding::Slices => 1.0 / accuracy::steps_per_octave(environment, low, high, error) as f32,
+        Encoding::Slices => {
+            1.0 / accuracy::steps_per_octave(environment, spectrum, (low, high), error) as f32
+        }
     };
     let steps = ((high / low).log2() / octaves).ceil().max(2.0) as i32;
     (0..=steps).rev().map(|k| high * (-octaves * k as f32).exp2()).collect()
@@ -216,7 +227,7 @@ fn nodes(environment: &Environment, range: (f32, f32), encoding: Encoding, error
 
 #[cfg(test)]
 pub(super) mod tests {
-    use super::super::quadrature::map_error;
+    use super::super::quadrature::Truth;
     use super::*;
     use std::f32::consts::{PI, TAU};
 
@@ -259,16 +270,19 @@ pub(super) mod tests {
         let environment = sun(32).rotated(0.4);
         let maps = Prefiltered::on_cpu(&environment, (1.0, 40.0), Encoding::Slices, 0.05).unwrap();
         for n in [1.0f32, 3.3, 11.0, 36.0] {
-            let error = map_error(&maps, &environment, n, 64);
+            let error = Truth::new(&environment, n, 64).error(&maps);
             assert!(error.rms < 0.05, "{n}: {error:?}");
         }
     }
 
     #[test]
     fn a_smaller_error_is_kept_with_more_slices() {
-        let count = |error| nodes(&sun(32), (1.0, 64.0), Encoding::Slices, error).len();
+        let environment = sun(32);
+        let spectrum = Spectrum::new(&environment, &[1.0, 64.0], 0.003);
+        let exponents = |range, encoding, error| nodes(&environment, &spectrum, range, encoding, error);
+        let count = |error| exponents((1.0, 64.0), Encoding::Slices, error).len();
         assert!(count(0.1) < count(0.003), "{} {}", count(0.1), count(0.003));
-        assert_eq!(nodes(&sun(32), (64.0, 64.0), Encoding::Slices, 0.01), [64.0]);
-        assert_eq!(nodes(&sun(32), (4.0, 64.0), Encoding::Mips, 0.01), [4.0, 16.0, 64.0]);
+        assert_eq!(exponents((64.0, 64.0), Encoding::Slices, 0.01), [64.0]);
+        assert_eq!(exponents((4.0, 64.0), Encoding::Mips, 0.01), [4.0, 16.0, 64.0]);
     }
 }

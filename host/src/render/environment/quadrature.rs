@@ -26,9 +26,13 @@ pub(crate) fn light(environment: &Environment, toward: Vec3, n: f32) -> Rgb {
     // ω_p·ω = y cosθ + sinθ (x sinφ − z cosφ).
     let flat: Vec<f64> =
         (0..width).map(|column| toward.x * angle(column).sin() - toward.z * angle(column).cos()).collect();
+    let (polar, reach) = (toward.y.clamp(-1.0, 1.0).acos(), least.acos());
     let mut sum = DVec3::ZERO;
     for row in 0..height {
         let v = (row as f64 + 0.5) / height as f64;
+        if (v * PI - polar).abs() > reach {
+            continue;
+        }
         let (sin, cos) = (v * PI).sin_cos();
         let mut row_sum = DVec3::ZERO;
         for (column, flat) in flat.iter().enumerate() {
@@ -52,19 +56,34 @@ pub(crate) struct MapError {
     pub(crate) largest: f64,
 }
 
-/// Compares maps with quadrature in `count` directions.
-pub(crate) fn map_error(maps: &Prefiltered, environment: &Environment, n: f32, count: usize) -> MapError {
-    let image = Environment { rotation: 0.0, ..environment.clone() };
-    let judge = Judge::new(&image);
-    let toward = judge.directions(n, count, 0.37);
-    let errors: Vec<f64> = toward
-        .into_par_iter()
-        .map(|toward| {
-            let world = glam::Quat::from_rotation_y(environment.rotation) * toward;
-            f64::from(judge.relative(maps.lobe(world, n), light(&image, toward, n), n))
-        })
-        .collect();
-    let squares: f64 = errors.iter().map(|error| error * error).sum();
-    let largest = errors.iter().copied().fold(0.0, f64::max);
-    MapError { rms: (squares / errors.len() as f64).sqrt(), largest }
+/// S of one exponent in some directions.
+pub(crate) struct Truth {
+    judge: Judge,
+    n: f32,
+    rotation: f32,
+    /// Directions in the image's frame, and S.
+    light: Vec<(Vec3, Rgb)>,
+}
+
+impl Truth {
+    /// By quadrature in `count` directions.
+    pub(crate) fn new(environment: &Environment, n: f32, count: usize) -> Self {
+        let image = Environment { rotation: 0.0, ..environment.clone() };
+        let judge = Judge::new(&image);
+        let toward = judge.directions(n, count, 0.37).into_par_iter();
+        let light = toward.map(|toward| (toward, light(&image, toward, n))).collect();
+        Self { judge, n, rotation: environment.rotation, light }
+    }
+
+    /// The error of maps.
+    pub(crate) fn error(&self, maps: &Prefiltered) -> MapError {
+        let turn = glam::Quat::from_rotation_y(self.rotation);
+        let error = |&(toward, light): &(Vec3, Rgb)| {
+            f64::from(self.judge.relative(maps.lobe(turn * toward, self.n), light, self.n))
+        };
+        let errors: Vec<f64> = self.light.iter().map(error).collect();
+        let squares: f64 = errors.iter().map(|error| error * error).sum();
+        let largest = errors.iter().copied().fold(0.0, f64::max);
+        MapError { rms: (squares / errors.len() as f64).sqrt(), largest }
+    }
 }

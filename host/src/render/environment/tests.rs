@@ -157,7 +157,7 @@ fn prefiltering_stays_within_one_percent_of_quadrature_on_every_environment() {
         let maps = Prefiltered::on_cpu(&environment, (1.0, 1000.0), Encoding::Slices, 0.01).unwrap();
         println!("{name}: {} maps, {} bytes", maps.exponents().count(), maps.bytes());
         for n in MAP_EXPONENTS {
-            let error = quadrature::map_error(&maps, &environment, n, DIRECTIONS);
+            let error = quadrature::Truth::new(&environment, n, DIRECTIONS).error(&maps);
             println!("  n = {n}: RMS {:.2} %, largest {:.1} %", 100.0 * error.rms, 100.0 * error.largest);
             assert!(error.rms < 0.01, "{name}, n = {n}: {error:?}");
         }
