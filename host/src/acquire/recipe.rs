@@ -194,11 +194,8 @@ impl MaterialRecipe {
         if !finite(&rho_d) || !self.lobes.iter().all(valid) {
             return Err(Error::input("a coefficient is not finite or an exponent not above 0"));
         }
-        let lobe = |lobe: &LobeRecipe| Lobe {
-            rho_s: Rgb::from_array(lobe.rho_s),
-            c: Vec3::from_array(lobe.c),
-            n: lobe.n,
-        };
+        let lobe =
+            |lobe: &LobeRecipe| Lobe::new(Rgb::from_array(lobe.rho_s), Vec3::from_array(lobe.c), lobe.n);
         let brdf = LobeBrdf {
             rho_d: Rgb::from_array(rho_d),
             beta: 0.0,

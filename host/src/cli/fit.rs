@@ -11,6 +11,7 @@ use clap::{Args, ValueEnum};
 
 use crate::error::{Error, Result};
 use crate::fit::chunks::{self, Part};
+use crate::fit::extensions::{Extensions, Microfacets};
 use crate::fit::figures::ErrorFigure;
 use crate::fit::{Device, Diffuse, FitOptions, MOST_LOBES, Method, Residual, gpu, mip};
 use crate::reflectance::SbrdfMap;
@@ -32,9 +33,18 @@ pub(super) struct FitArgs {
     /// a sampled SBRDF (separable method; anisotropic only where that is better) or each wavelength of a table; else 2 for lm, 1 with the line search
     #[arg(long, default_value = "auto", value_name = "auto[:N]|N", value_parser = parse_lobes)]
     pub(super) lobes: Lobes,
-    /// What a table is fitted with beside the diffuse term; `auto` is lobes where --lobes is a number
-    #[arg(long, value_enum, default_value_t = ModelName::Auto)]
-    pub(super) model: ModelName,
+    /// What is fitted beside the diffuse term. `auto`, the default for tables, is lobes where --lobes is a number; the default for texels is
+    /// lobes
+    #[arg(long, value_enum)]
+    pub(super) model: Option<ModelName>,
+    /// Fit texels with a normal of their own, about which their lobes stand: channels normal.x and normal.y. Where --lobes is `auto`, a texel has
+    /// one only if its samples are predicted better with it; separable method
+    #[arg(long)]
+    pub(super) normals: bool,
+    /// Fit lobes whose exponent goes from n along the normal to n_grazing at the horizon: channels lobe0.n_grazing and so on. Where --lobes is
+    /// `auto`, only for texels whose samples are predicted better so; separable method
+    #[arg(long)]
+    pub(super) sharpening: bool,
     /// How the lobes' shapes are found
     #[arg(long, value_enum, default_value_t = MethodName::Auto)]
     pub(super) method: MethodName,
@@ -96,7 +106,7 @@ pub(super) enum Lobes {
 /// Names of models on the command line.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub(super) enum ModelName {
-    /// Lobes alone, or with a GGX microfacet term: what predicts left-out incidences better
+    /// Lobes alone, or with a GGX microfacet term: what predicts left-out incidences, or poses, better
     Auto,
     /// Lobes alone
     Lobes,
@@ -301,9 +311,6 @@ fn sampled_options(args: &FitArgs) -> Result<FitOptions> {
     if !args.hold_out_theta_deg.is_empty() || args.random_starts > 0 {
         return Err(Error::input("--hold-out-theta-deg and --random-starts are for measured tables (.brdf)"));
     }
-    if args.model == ModelName::Ggx {
-        return Err(Error::input("--model ggx is for measured tables; texels are fitted with lobes alone"));
-    }
     let residual = args.residual(FitOptions::default().residual);
     let method = args.method(residual);
     let (lobes, choose) = args.texel_lobes(method);
@@ -318,6 +325,15 @@ fn sampled_options(args: &FitArgs) -> Result<FitOptions> {
         residual,
         device: if args.device == DeviceName::Gpu { Device::Gpu } else { Device::Cpu },
         conserve_energy: args.conserve_energy,
+        extensions: Extensions {
+            normals: args.normals,
+            sharpening: args.sharpening,
+            microfacets: match args.model {
+                Some(ModelName::Ggx) => Microfacets::Always,
+                Some(ModelName::Auto) if choose => Microfacets::Choose,
+                _ => Microfacets::Never,
+            },
+        },
     };
     options.check()?;
     Ok(options)

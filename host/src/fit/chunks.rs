@@ -313,6 +313,25 @@ fn paste(map: &mut SbrdfMap, piece: &SbrdfMap, places: &[usize]) {
         scatter(&mut into.rho_s, &from.rho_s, places);
         scatter(&mut into.c, &from.c, places);
         scatter(&mut into.n, &from.n, places);
+        if into.n_grazing.is_empty() && !from.n_grazing.is_empty() {
+            into.n_grazing.clone_from(&into.n);
+        }
+        let grazing = if from.n_grazing.is_empty() { &from.n } else { &from.n_grazing };
+        if !into.n_grazing.is_empty() {
+            scatter(&mut into.n_grazing, grazing, places);
+        }
+    }
+    map.add_microfacets(piece.microfacets.len());
+    for (into, from) in map.microfacets.iter_mut().zip(&piece.microfacets) {
+        scatter(&mut into.f0, &from.f0, places);
+        scatter(&mut into.f90, &from.f90, places);
+        scatter(&mut into.alpha, &from.alpha, places);
+    }
+    if map.normal.is_empty() && !piece.normal.is_empty() {
+        map.normal = vec![glam::Vec2::ZERO; texels];
+    }
+    if !piece.normal.is_empty() {
+        scatter(&mut map.normal, &piece.normal, places);
     }
     for (name, plane) in &piece.extra {
         scatter(map.extra.entry(name.clone()).or_insert_with(|| vec![0.0; texels]), plane, places);
@@ -370,6 +389,11 @@ mod tests {
         robust: false,
         device: crate::fit::Device::Cpu,
         conserve_energy: false,
+        extensions: crate::fit::extensions::Extensions {
+            normals: false,
+            sharpening: false,
+            microfacets: crate::fit::extensions::Microfacets::Never,
+        },
     };
 
     /// A store of six blocks and the shards of its fit in `count` parts.

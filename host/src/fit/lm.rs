@@ -343,7 +343,13 @@ impl Optimiser {
 
 /// A lobe with amplitude 1 for the given shape, or a black one where its base is nowhere positive.
 pub fn start_lobe(samples: &Samples, c: DVec3, n: f64) -> ModelLobe {
-    ModelLobe::over(samples, c, n).unwrap_or(ModelLobe { amplitude: 0.0, c, n, reference: 1.0 })
+    ModelLobe::over(samples, c, n).unwrap_or(ModelLobe {
+        amplitude: 0.0,
+        c,
+        n,
+        reference: 1.0,
+        n_grazing: None,
+    })
 }
 
 #[cfg(test)]
@@ -411,7 +417,7 @@ mod tests {
 
     #[test]
     fn an_anisotropic_lobe_without_noise_is_recovered_with_its_direction() {
-        let lobe = Lobe { rho_s: Rgb::splat(0.7), c: Vec3::new(-0.95, -0.6, 0.9), n: 20.0 };
+        let lobe = Lobe::new(Rgb::splat(0.7), Vec3::new(-0.95, -0.6, 0.9), 20.0);
         let truth = LobeBrdf { rho_d: Rgb::splat(0.05), beta: 0.4, lobes: vec![lobe], ..LobeBrdf::default() };
         let samples = testing::samples(&testing::directions(200, 8), |wi, wo| truth.eval(wi, wo));
         let mut target = Target::default();

@@ -277,9 +277,9 @@ pub fn coloured(model: &Model, colour: Rgb) -> LobeBrdf {
     });
     LobeBrdf {
         rho_d: model.diffuse as f32 * colour,
-        beta: 0.0,
         lobes: lobes.map(|lobe| lobe.to_lobe(lobe.amplitude as f32 * colour)).collect(),
         microfacets: coat.into_iter().collect(),
+        ..LobeBrdf::default()
     }
 }
 
@@ -341,7 +341,7 @@ mod tests {
 
     /// A table of a known material with one lobe at incidences 10° … 70°.
     fn table() -> MeasuredTable {
-        let lobe = Lobe { rho_s: Rgb::splat(0.8), c: Vec3::new(-0.95, -0.95, 0.9), n: 30.0 };
+        let lobe = Lobe::new(Rgb::splat(0.8), Vec3::new(-0.95, -0.95, 0.9), 30.0);
         let truth = LobeBrdf { rho_d: Rgb::splat(0.05), beta: 0.0, lobes: vec![lobe], ..LobeBrdf::default() };
         let mut rows = Vec::new();
         for (i, o, p) in (1..8)
@@ -448,7 +448,7 @@ mod tests {
 
     #[test]
     fn a_table_that_makes_energy_is_held_and_says_what_that_costs() {
-        let lobe = Lobe { rho_s: Rgb::splat(3.0), c: Vec3::new(-1.1, -1.1, 0.9), n: 8.0 };
+        let lobe = Lobe::new(Rgb::splat(3.0), Vec3::new(-1.1, -1.1, 0.9), 8.0);
         let metal = LobeBrdf { lobes: vec![lobe], ..LobeBrdf::diffuse(Rgb::splat(0.2)) };
         let mut table = table();
         for row in &mut table.rows {

@@ -28,6 +28,9 @@ pub(super) fn fit(args: &FitArgs, input: &Path, seed: u64) -> Result<FitOutcome>
             "--diffuse-percentile and --separate-channels are for sampled SBRDFs (.zarr)",
         ));
     }
+    if args.normals {
+        return Err(Error::input("--normals is for sampled SBRDFs (.zarr): tables are isotropic"));
+    }
     let method = match args.method {
         MethodName::LineSearch => Method::LineSearch,
         MethodName::Auto | MethodName::Lm => Method::Lm,
@@ -157,17 +160,17 @@ fn sizes(args: &FitArgs, method: Method) -> (Vec<Size>, Take) {
     match args.lobes {
         Lobes::Auto(limit) if method == Method::Lm => {
             let mut sizes = Vec::new();
-            if args.model != ModelName::Ggx {
+            if args.model != Some(ModelName::Ggx) {
                 sizes.extend((0..=limit).map(alone));
             }
-            if args.model != ModelName::Lobes {
+            if args.model != Some(ModelName::Lobes) {
                 sizes.extend((0..=limit.min(MOST_BESIDE)).map(with));
             }
             (sizes, Take::Choose)
         }
         _ => {
             let wanted = args.lobes();
-            let size = if args.model == ModelName::Ggx { with } else { alone };
+            let size = if args.model == Some(ModelName::Ggx) { with } else { alone };
             ((0..=most.max(wanted)).map(size).collect(), Take::Size(size(wanted)))
         }
     }

@@ -89,6 +89,7 @@ impl Renderer for Settings {
         self.check()?;
         let start = Instant::now();
         if self.gpu {
+            super::plain_lobes_only(scene, "environment --gpu")?;
             return raster::prepare(scene, self, start);
         }
         let materials = Materials::new(scene);
@@ -159,7 +160,7 @@ impl Light {
         settings: &Settings,
         gpu: Option<&Gpu>,
     ) -> Result<Self> {
-        let exponents = materials.lobes.iter().map(|lobe| lobe.n);
+        let exponents = materials.lobes.iter().flat_map(|lobe| [lobe.n, lobe.n_grazing]);
         let (low, high) = exponents.fold((f32::INFINITY, 0.0f32), |(a, b), n| (a.min(n), b.max(n)));
         let range = match (low <= high, settings.horizon) {
             (false, _) => (1.0, 1.0),

@@ -95,6 +95,7 @@ impl Settings {
     fn scene(&self, scene: &Scene) -> Result<Scene> {
         scene.check()?;
         super::lobes_only(scene, "lights")?;
+        super::plain_lobes_only(scene, "lights")?;
         if self.samples == 0 || self.anisotropy == 0 {
             return Err(Error::input("lights: samples and anisotropy must be 1 or more"));
         }
