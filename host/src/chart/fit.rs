@@ -1,4 +1,4 @@
-//! What a fit costs against how right it is: methods by noise, cost by the amount of data, the direction of anisotropy by blur.
+//! What a fit costs against how right it is: methods by noise, models by material, cost by the amount of data, the direction of anisotropy by blur.
 
 use std::time::Instant;
 
@@ -33,7 +33,13 @@ pub fn chart(seed: u64) -> Result<Chart> {
         .build()
         .map_err(|error| Error::failure(format!("a thread cannot be started: {error}")))?;
     let mut sections = pool.install(|| -> Result<Vec<Section>> {
-        Ok(vec![methods(seed)?, super::residual::section(seed)?, amounts(seed)?, weave(seed)?])
+        Ok(vec![
+            methods(seed)?,
+            super::residual::section(seed)?,
+            super::models::section(seed)?,
+            amounts(seed)?,
+            weave(seed)?,
+        ])
     })?;
     sections.push(super::device::section(seed)?);
     Ok(Chart {

@@ -42,7 +42,7 @@ pub(super) struct FitArgs {
     #[arg(long)]
     pub(super) normals: bool,
     /// Fit lobes whose exponent goes from n along the normal to n_grazing at the horizon: channels lobe0.n_grazing and so on. Where --lobes is
-    /// `auto`, only for texels whose samples are predicted better so; separable method
+    /// `auto`, only for texels whose samples are predicted better so; separable method. Tables too, by lm
     #[arg(long)]
     pub(super) sharpening: bool,
     /// How the lobes' shapes are found

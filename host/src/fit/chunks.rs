@@ -423,6 +423,25 @@ mod tests {
     }
 
     #[test]
+    fn pieces_with_and_without_what_goes_beyond_lobes_make_one_map() {
+        use crate::reflectance::{Microfacet, Rgb, materials};
+        let plain = materials::published("clay").unwrap();
+        let coat = Microfacet { f0: Rgb::splat(0.04), f90: Rgb::ONE, alpha: 0.2 };
+        let mut beyond = plain.clone();
+        beyond.normal = glam::Vec2::new(0.1, 0.0);
+        beyond.microfacets.push(coat);
+        beyond.lobes[0].n_grazing = Some(50.0);
+        let texels = [plain.clone(), beyond, plain];
+        for order in [[0, 1, 2], [1, 0, 2]] {
+            let mut map = SbrdfMap::new(3, 1, 0);
+            for place in order {
+                paste(&mut map, &SbrdfMap::from_texels(1, 1, &texels[place..=place]), &[place]);
+            }
+            assert!(map == SbrdfMap::from_texels(3, 1, &texels));
+        }
+    }
+
+    #[test]
     fn a_level_is_fitted_to_the_mean_reflectance_of_its_texels() {
         let Case { folder: _folder, store, .. } = case(1);
         let map = fit_level(&store, &OPTIONS_OF_CASE, 2).unwrap();

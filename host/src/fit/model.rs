@@ -109,11 +109,14 @@ impl ModelLobe {
         (moved(1e-5) - moved(-1e-5)) / 2e-5
     }
 
-    /// The same lobe referred to the largest base within the cone of the samples.
+    /// The same lobe referred to the largest base within the cone of the samples; one that sharpens changes with its reference.
     pub fn referred(&self, samples: &Samples) -> Self {
         match Self::over(samples, self.c, self.n) {
             Some(lobe) => {
-                let factor = (self.n * (lobe.reference / self.reference).ln()).exp();
+                let factor = match self.n_grazing {
+                    None => (self.n * (lobe.reference / self.reference).ln()).exp(),
+                    Some(_) => 1.0,
+                };
                 Self { amplitude: self.amplitude * factor, n_grazing: self.n_grazing, ..lobe }
             }
             None => Self { amplitude: 0.0, ..*self },

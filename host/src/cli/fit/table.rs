@@ -104,7 +104,7 @@ fn write_description(
         fits.len()
     )?;
     let held_out = !options.hold_out_theta_deg.is_empty();
-    write!(text, "\n{:>8}  {:<9} {:>12} {:>11}", "nm", "lobes", "train log", "relative")?;
+    write!(text, "\n{:>8}  {:<20} {:>12} {:>11}", "nm", "lobes", "train log", "relative")?;
     if held_out {
         write!(text, "  {:>12} {:>11}", "held-out log", "relative")?;
     }
@@ -114,7 +114,7 @@ fn write_description(
         let errors = &fit.training;
         write!(
             text,
-            "{:>8}  {:<9} {:>12.3} {:>11.3}",
+            "{:>8}  {:<20} {:>12.3} {:>11.3}",
             fit.wavelength_nm,
             format!("{}{}", fit.size, if fit.chosen { " *" } else { "" }),
             errors.log_rms,
@@ -138,7 +138,8 @@ fn write_description(
         for lobe in fit.model.lobes.iter().filter(|lobe| lobe.amplitude > 0.0) {
             let c = lobe.c / lobe.reference;
             let retro = if c.x > 0.0 && c.z > 0.0 { " retro" } else { "" };
-            write!(text, "  {:.4} ({:.4}, {:.4}) {:.1}{retro}", lobe.amplitude, c.x, c.z, lobe.n)?;
+            let grazing = lobe.n_grazing.map_or(String::new(), |grazing| format!(" to {grazing:.1}"));
+            write!(text, "  {:.4} ({:.4}, {:.4}) {:.1}{grazing}{retro}", lobe.amplitude, c.x, c.z, lobe.n)?;
         }
         if let Some(coat) = fit.model.coat {
             write!(text, "  ggx {:.4} {:.4} {:.4}", coat.f0, coat.f90, coat.alpha)?;
@@ -154,8 +155,8 @@ fn write_description(
 
 /// The sizes to compare and which to take.
 fn sizes(args: &FitArgs, method: Method) -> (Vec<Size>, Take) {
-    let alone = |lobes: usize| Size { lobes, microfacet: false };
-    let with = |lobes: usize| Size { lobes, microfacet: true };
+    let alone = |lobes: usize| Size { lobes, sharpening: false, microfacet: false };
+    let with = |lobes: usize| Size { lobes, sharpening: false, microfacet: true };
     let most = if method == Method::LineSearch { 1 } else { AUTO_LOBES };
     match args.lobes {
         Lobes::Auto(limit) if method == Method::Lm => {
@@ -166,11 +167,16 @@ fn sizes(args: &FitArgs, method: Method) -> (Vec<Size>, Take) {
             if args.model != Some(ModelName::Lobes) {
                 sizes.extend((0..=limit.min(MOST_BESIDE)).map(with));
             }
+            if args.sharpening {
+                let sharpening = |size: &Size| (size.lobes > 0).then_some(Size { sharpening: true, ..*size });
+                sizes.extend(sizes.iter().filter_map(sharpening).collect::<Vec<_>>());
+            }
             (sizes, Take::Choose)
         }
         _ => {
             let wanted = args.lobes();
             let size = if args.model == Some(ModelName::Ggx) { with } else { alone };
+            let size = |lobes: usize| Size { sharpening: args.sharpening && lobes > 0, ..size(lobes) };
             ((0..=most.max(wanted)).map(size).collect(), Take::Size(size(wanted)))
         }
     }

@@ -196,7 +196,8 @@ pub fn sigma(solver: &Solver, family: Family, diffuse: bool, model: &Model, at: 
     }
     for (index, lobe) in sigma.lobes.iter_mut().enumerate() {
         if lobe.n > VAGUE * model.lobes[index].n || !told[index] {
-            *lobe = untold(solver);
+            let n_grazing = if layout.extension.sharpening { EXPONENTS[1] } else { 0.0 };
+            *lobe = LobeSigma { n_grazing, ..untold(solver) };
         }
     }
     sigma
@@ -240,7 +241,7 @@ fn factor(solver: &Solver, layout: Layout, members: &[usize]) -> Option<Vec<f64>
 pub fn untold(solver: &Solver) -> LobeSigma {
     let channels = solver.data.channels;
     let rho_s = std::array::from_fn(|k| if k < channels { most(solver, k) } else { 0.0 });
-    LobeSigma { rho_s, c: DVec3::ONE, n: EXPONENTS[1], n_grazing: EXPONENTS[1] }
+    LobeSigma { rho_s, c: DVec3::ONE, n: EXPONENTS[1], n_grazing: 0.0 }
 }
 
 /// Largest amplitude of a lobe.
