@@ -209,7 +209,8 @@ impl MaterialRecipe {
             ..Lobe::new(Rgb::from_array(lobe.rho_s), Vec3::from_array(lobe.c), lobe.n)
         };
         let normal = Vec2::from_array(self.normal.unwrap_or_default());
-        if !(normal.length() < 1.0) {
+        let shorter = normal.length() < 1.0;
+        if !shorter {
             return Err(Error::input("normal is x and y of a unit vector: its length must be below 1"));
         }
         if self.ggx.is_some_and(|ggx| !(ggx.alpha > 0.0 && ggx.f0.is_finite() && ggx.f90.is_finite())) {

@@ -297,11 +297,10 @@ impl Material {
             Ok(())
         };
         let check_normal = |texel: usize, normal: Vec2| {
-            // Also what is no number.
-            if !(normal.length_squared() < 1.0) {
-                return Err(number(texel, "a normal's x and y are not those of a unit vector"));
+            if normal.length_squared() < 1.0 {
+                return Ok(());
             }
-            Ok(())
+            Err(number(texel, "a normal's x and y are not those of a unit vector"))
         };
         let check_microfacet = |texel: usize, f0: Rgb, f90: Rgb, alpha: f32| {
             if f0.is_finite() && f90.is_finite() && alpha.is_finite() && alpha > 0.0 {

@@ -101,16 +101,9 @@ const SHARPENING: Extensions =
 const GGX: Extensions = Extensions { normals: false, sharpening: false, microfacets: Microfacets::Always };
 
 /// Fits noisy samples of some materials, a texel each.
-fn fitted(truth: &[LobeBrdf], noise: f64, options: FitOptions) -> SbrdfMap {
-    let sampling = Options {
-        width: truth.len(),
-        height: 1,
-        texel_mm: 0.5,
-        poses: 300,
-        noise,
-        relative_noise: 0.005,
-        seed: 3,
-    };
+fn fitted(truth: &[LobeBrdf], noise: f64, relative_noise: f64, options: FitOptions) -> SbrdfMap {
+    let sampling =
+        Options { width: truth.len(), height: 1, texel_mm: 0.5, poses: 300, noise, relative_noise, seed: 3 };
     let sampled = synth::sample(&sampling, |index, _, wi, wo| truth[index].eval(wi, wo));
     fit_sbrdf(&sampled, &options).unwrap()
 }
@@ -148,7 +141,7 @@ fn a_known_tilt_is_found_within_its_stated_uncertainty() {
             }
         })
         .collect();
-    let map = fitted(&truth, 1e-3, fixed(1, NORMALS));
+    let map = fitted(&truth, 1e-3, 0.005, fixed(1, NORMALS));
     let sigma = |axis: usize, k: usize| f64::from(map.extra[["sigma.normal.x", "sigma.normal.y"][axis]][k]);
     let both = (0..truth.len()).flat_map(|k| [0, 1].map(|axis| (k, axis)));
     let each = both
@@ -168,7 +161,7 @@ fn known_sharpening_is_found_within_its_stated_uncertainty() {
             LobeBrdf { lobes: vec![Lobe { n_grazing, ..lobe(n) }], ..LobeBrdf::diffuse(Rgb::splat(0.2)) }
         })
         .collect();
-    let map = fitted(&truth, 1e-3, fixed(1, SHARPENING));
+    let map = fitted(&truth, 1e-3, 0.005, fixed(1, SHARPENING));
     let (plane, sigma) = (&map.lobes[0], &map.extra["sigma.lobe0.n_grazing"]);
     let each = (0..truth.len()).map(|k| {
         let expected = truth[k].lobes[0].n_grazing.unwrap();
@@ -190,7 +183,7 @@ fn a_known_microfacet_term_is_found_within_its_stated_uncertainty() {
         })
         .collect();
     for (range, lobes) in [(0..4, 0), (4..8, 1)] {
-        let map = fitted(&truth[range.clone()], 1e-3, fixed(lobes, GGX));
+        let map = fitted(&truth[range.clone()], 1e-3, 0.005, fixed(lobes, GGX));
         let plane = &map.microfacets[0];
         let each = range.clone().enumerate().flat_map(|(place, k)| {
             let of = |name: &str| f64::from(map.extra[&format!("sigma.ggx0.{name}")][place]);
@@ -208,11 +201,47 @@ fn a_known_microfacet_term_is_found_within_its_stated_uncertainty() {
 }
 
 #[test]
+fn stated_standard_deviations_are_those_of_100_noisy_repeats() {
+    let base = |lobe: Lobe| LobeBrdf { lobes: vec![lobe], ..LobeBrdf::diffuse(Rgb::splat(0.2)) };
+    let coat = Microfacet { f0: Rgb::splat(0.1), f90: Rgb::splat(0.9), alpha: 0.25 };
+    let cases = [
+        (LobeBrdf { normal: Vec2::new(0.08, -0.05), ..base(lobe(25.0)) }, 1, NORMALS),
+        (base(Lobe { n_grazing: Some(60.0), ..lobe(12.0) }), 1, SHARPENING),
+        (LobeBrdf { microfacets: vec![coat], ..LobeBrdf::diffuse(Rgb::splat(0.2)) }, 0, GGX),
+    ];
+    for (truth, lobes, extensions) in cases {
+        let options = FitOptions { residual: Residual::Linear, ..fixed(lobes, extensions) };
+        let map = fitted(&vec![truth; 100], 2e-3, 0.0, options);
+        let normal = |axis: usize| map.normal.iter().map(|normal| normal[axis]).collect::<Vec<f32>>();
+        let planes = match extensions {
+            NORMALS => vec![("normal.x", normal(0)), ("normal.y", normal(1))],
+            SHARPENING => {
+                vec![("lobe0.n_grazing", map.lobes[0].n_grazing.clone()), ("lobe0.n", map.lobes[0].n.clone())]
+            }
+            _ => {
+                let plane = &map.microfacets[0];
+                let f90 = plane.f90.iter().map(|f90| f90.y).collect();
+                vec![("ggx0.alpha", plane.alpha.clone()), ("ggx0.f90.G", f90)]
+            }
+        };
+        for (name, values) in planes {
+            let mean = |of: &dyn Fn(usize) -> f64| (0..100).map(of).sum::<f64>() / 100.0;
+            let middle = mean(&|k| f64::from(values[k]));
+            let spread = mean(&|k| (f64::from(values[k]) - middle).powi(2)).sqrt();
+            let stated = mean(&|k| f64::from(map.extra[&format!("sigma.{name}")][k]));
+            println!("{name}: {middle} ± {spread}, stated {stated}: {:.2}", spread / stated);
+            // The spread of 100 values is known to 7 %.
+            assert!((0.78..1.25).contains(&(spread / stated)), "{name}: {spread} {stated}");
+        }
+    }
+}
+
+#[test]
 fn plain_texels_stay_plain_and_others_are_told_from_them() {
     let all = Extensions { normals: true, sharpening: true, microfacets: Microfacets::Choose };
     let plain: Vec<LobeBrdf> =
-        (0..24).map(|seed| material(1 + seed % 2, &mut Random::new(seed as u64))).collect();
-    let map = fitted(&plain, 2e-3, choice(all));
+        (0..100).map(|seed| material(1 + seed % 2, &mut Random::new(seed as u64))).collect();
+    let map = fitted(&plain, 2e-3, 0.005, choice(all));
     let odd = (0..plain.len())
         .filter(|&k| map.texel(k).extension().is_some() || !map.texel(k).microfacets.is_empty());
     let odd: Vec<usize> = odd.collect();
@@ -222,7 +251,7 @@ fn plain_texels_stay_plain_and_others_are_told_from_them() {
     let sharpening = base(Lobe { n_grazing: Some(60.0), ..lobe(12.0) });
     let coat = Microfacet { f0: Rgb::splat(0.1), f90: Rgb::ONE, alpha: 0.2 };
     let coated = LobeBrdf { microfacets: vec![coat], ..LobeBrdf::diffuse(Rgb::splat(0.2)) };
-    let map = fitted(&[tilted, sharpening, coated], 1e-3, choice(all));
+    let map = fitted(&[tilted, sharpening, coated], 1e-3, 0.005, choice(all));
     let [tilted, sharpening, coated] = [0, 1, 2].map(|k| map.texel(k));
     assert!(
         (tilted.normal - Vec2::new(0.08, -0.05)).length() < 5e-3 && tilted.lobes.len() == 1,

@@ -131,7 +131,8 @@ pub fn amplitudes(gram: &Gram, layout: Layout, most: [[f64; CHANNELS]; 2]) -> Am
     }
     let regular = linear::factor(factor, size);
     let mut found = Amplitudes::default();
-    for channel in 0..layout.channels {
+    let caps = most[0].into_iter().zip(most[1]);
+    for (channel, (of_lobes, of_coats)) in caps.enumerate().take(layout.channels) {
         let goal = 1 + channel;
         let mut rhs = [0.0; LINEAR];
         for i in 0..size {
@@ -139,8 +140,8 @@ pub fn amplitudes(gram: &Gram, layout: Layout, most: [[f64; CHANNELS]; 2]) -> Am
         }
         let cap = |i: usize| match first + i {
             0 => f64::INFINITY,
-            lobe if lobe <= layout.lobes => most[0][channel],
-            _ => most[1][channel],
+            lobe if lobe <= layout.lobes => of_lobes,
+            _ => of_coats,
         };
         let mut x = rhs;
         let mut free = [true; LINEAR];
