@@ -17,6 +17,11 @@ use super::start::{self, Effort, Found, Known, Search, Task};
 
 /// Widths from which a microfacet term is optimised.
 const COAT_WIDTHS: [f64; 6] = [0.01, 0.03, 0.08, 0.2, 0.4, 0.8];
+/// Standard errors by which an extension has to be better: there are several, each with starts of its own, and with two errors for each
+/// one plain texel in a hundred would get something that it has not.
+const ERRORS: f64 = 3.0;
+/// Or the share of the sum of squares that it may leave: what few poses meet can never be so many standard errors better.
+const SHARE: f64 = 0.5;
 /// Sets of a microfacet term alone that lobes are added to.
 const COATS: usize = 2;
 
@@ -44,7 +49,7 @@ pub fn extend(
     if extensions.microfacets != Microfacets::Never {
         let (coated, others) = coated(solver, bank, search, whole);
         let always = extensions.microfacets == Microfacets::Always || !whole.choose;
-        if always || choice::is_better(&coated.1.left_out, &taken.1.left_out) {
+        if always || is_surely_better(&coated.1, &taken.1) {
             (taken, trail) = (coated, others);
         }
     }
@@ -65,11 +70,18 @@ pub fn extend(
         let Some(found) = best_extended(solver, whole, taken.0, &taken.1.model, &trail, more) else {
             continue;
         };
-        if !whole.choose || choice::is_better(&found.1.left_out, &taken.1.left_out) {
+        if !whole.choose || is_surely_better(&found.1, &taken.1) {
             (taken, normals, sharpening) = (found, tried.0, tried.1);
         }
     }
     (taken.0, taken.1.model)
+}
+
+/// Whether an extended fit predicts left-out poses better than one without the extension.
+fn is_surely_better(extended: &Found, plain: &Found) -> bool {
+    let gains = || plain.left_out.iter().zip(&extended.left_out).map(|(plain, extended)| plain - extended);
+    let (gain, error) = (gains().sum::<f64>(), gains().map(|gain| gain * gain).sum::<f64>().sqrt());
+    gain > ERRORS * error || gain > (1.0 - SHARE) * plain.left_out.iter().sum::<f64>()
 }
 
 /// The best of the models that are extended by `more`: of the one that was taken, or where there is a choice of those in the trail, the
