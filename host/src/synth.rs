@@ -107,7 +107,7 @@ pub fn material(lobes: usize, random: &mut Random) -> LobeBrdf {
         let cx = sign * random.uniform(0.85, 1.0);
         let c = Vec3::new(cx as f32, cx as f32, random.uniform(0.75, 1.0) as f32);
         let peak = random.uniform(0.1f64.ln(), 3f64.ln()).exp() as f32;
-        brdf.lobes.push(Lobe { rho_s: colour(random, 0.3, 1.0) * peak, c, n: n as f32 });
+        brdf.lobes.push(Lobe::new(colour(random, 0.3, 1.0) * peak, c, n as f32));
     }
     brdf
 }

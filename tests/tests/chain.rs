@@ -137,7 +137,7 @@ fn a_measured_table_on_the_carrier_comes_back_as_its_interpolation_to_three_perc
     let lobe = &recipe.materials[0].lobes[0];
     let material = LobeBrdf {
         rho_d: recipe.materials[0].rho_d.unwrap().into(),
-        lobes: vec![lobelia::reflectance::Lobe { rho_s: lobe.rho_s.into(), c: lobe.c.into(), n: lobe.n }],
+        lobes: vec![lobelia::reflectance::Lobe::new(lobe.rho_s.into(), lobe.c.into(), lobe.n)],
         ..LobeBrdf::default()
     };
     let path = folder.path().join("made.brdf");
@@ -170,11 +170,11 @@ fn renderings_of_the_true_map_are_the_photographs_and_those_of_another_map_are_n
     );
     let brdf = |rho_d: f32| LobeBrdf {
         rho_d: glam::Vec3::new(rho_d, 0.08, 0.05),
-        lobes: vec![lobelia::reflectance::Lobe {
-            rho_s: glam::Vec3::splat(0.3),
-            c: glam::Vec3::new(-1.0, -1.0, 0.98),
-            n: 20.0,
-        }],
+        lobes: vec![lobelia::reflectance::Lobe::new(
+            glam::Vec3::splat(0.3),
+            glam::Vec3::new(-1.0, -1.0, 0.98),
+            20.0,
+        )],
         ..LobeBrdf::default()
     };
     let mut rig = small::rig(16);

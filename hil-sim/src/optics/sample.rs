@@ -180,7 +180,7 @@ mod tests {
 
     #[test]
     fn weft_threads_are_turned_by_a_right_angle() {
-        let lobe = lobelia_reflectance::Lobe { rho_s: Rgb::ONE, c: Vec3::new(-1.0, -0.5, 0.9), n: 20.0 };
+        let lobe = lobelia_reflectance::Lobe::new(Rgb::ONE, Vec3::new(-1.0, -0.5, 0.9), 20.0);
         let thread = Material::Lobes(LobeBrdf { lobes: vec![lobe], ..LobeBrdf::default() });
         let weave = SampleLayout::new(8.0, 8.0, vec![thread], Pattern::Weave { pitch_mm: 1.0 });
         let (wi, wo) = (Vec3::new(0.5, 0.0, 0.8).normalize(), Vec3::new(-0.4, 0.0, 0.9).normalize());

@@ -6,10 +6,12 @@
 
 use glam::{DVec3, Vec3};
 
-use crate::{LobeBrdf, Rgb, lobe::into_lobe_frame};
+use crate::{Lobe, LobeBrdf, Rgb, lobe::into_lobe_frame};
 
 /// Parts of the sum over u: errors below 0.1 % (see the test).
 const PARTS: usize = 64;
+/// Azimuths about the peak of a lobe that sharpens, whose exponent differs round it.
+const AZIMUTHS: usize = 32;
 /// Largest logarithm of |p|ⁿ: beyond it a lobe is only known to make energy without bound.
 const MOST_LOG: f64 = 80.0;
 /// Parts along each axis for a microfacet term, whose samples weigh F G / G₁: errors below 0.5 %.
@@ -21,14 +23,20 @@ pub const INCIDENCES_DEG: [f64; 19] = [
     89.0,
 ];
 
-/// Directional albedo of a lobe of ρ_s = 1 with its largest base at 1, for light from a direction in the lobe's own frame.
+/// Directional albedo of a lobe of ρ_s = 1 with its largest base at 1, for light from a direction in the lobe's own frame, whose
+/// z is the surface's normal.
 pub fn lobe(c: DVec3, n: f64, wi: DVec3) -> f64 {
-    let peak = c * wi;
+    about(c * wi, n, DVec3::Z)
+}
+
+/// As [`lobe`], of a lobe with the peak C ω_i on a surface of a given normal.
+fn about(peak: DVec3, n: f64, normal: DVec3) -> f64 {
     let length = peak.length();
     if length < 1e-9 {
         return 0.0;
     }
-    let (up, across) = (peak.z / length, peak.truncate().length() / length);
+    let up = peak.dot(normal) / length;
+    let across = (1.0 - up * up).max(0.0).sqrt();
     let mut sum = 0.0;
     for part in 0..PARTS {
         let cos = ((part as f64 + 0.5) / PARTS as f64).powf(1.0 / (n + 1.0));
@@ -60,11 +68,45 @@ pub fn directional(brdf: &LobeBrdf, wi: Vec3) -> Rgb {
             }
         }
     }
-    let wi = into_lobe_frame(wi, brdf.beta).as_dvec3();
+    let frame = |direction| into_lobe_frame(direction, brdf.normal, brdf.beta).as_dvec3();
+    let (cos_i, wi, normal) = (f64::from(wi.z), frame(wi), frame(Vec3::Z));
     for lobe in &brdf.lobes {
-        albedo += lobe.rho_s * self::lobe(lobe.c.as_dvec3(), f64::from(lobe.n), wi) as f32;
+        let peak = lobe.c.as_dvec3() * wi;
+        let of_one = match lobe.n_grazing {
+            None => about(peak, f64::from(lobe.n), normal),
+            Some(_) => sharpening(lobe, peak, cos_i, normal),
+        };
+        albedo += lobe.rho_s * of_one as f32;
     }
     albedo
+}
+
+/// As [`about`], of a lobe that sharpens: directions are spread as the exponent at the peak would have it, and weigh what the
+/// exponent in their own direction makes of them.
+fn sharpening(lobe: &Lobe, peak: DVec3, cos_i: f64, normal: DVec3) -> f64 {
+    let length = peak.length();
+    if length < 1e-9 {
+        return 0.0;
+    }
+    let axis = peak / length;
+    let (x, y) = axis.any_orthonormal_pair();
+    let exponent = |cos_o: f64| f64::from(lobe.exponent((0.5 * (cos_i + cos_o.max(0.0))) as f32));
+    // The least of both ends: weights then stay bounded.
+    let n = exponent(0.0).min(exponent(1.0));
+    let mut sum = 0.0;
+    for part in 0..PARTS {
+        let cos = ((part as f64 + 0.5) / PARTS as f64).powf(1.0 / (n + 1.0));
+        let sin = (1.0 - cos * cos).max(0.0).sqrt();
+        for turn in 0..AZIMUTHS {
+            let (s, c) = ((turn as f64 + 0.5) / AZIMUTHS as f64 * std::f64::consts::TAU).sin_cos();
+            let cos_o = (axis * cos + (x * c + y * s) * sin).dot(normal);
+            if cos_o > 0.0 {
+                let log = exponent(cos_o) * (length * cos).ln() - n * cos.ln();
+                sum += cos_o * log.min(MOST_LOG).exp();
+            }
+        }
+    }
+    std::f64::consts::TAU / (n + 1.0) * sum / (PARTS * AZIMUTHS) as f64
 }
 
 /// Azimuths, from the direction of anisotropy, at which the albedo is looked at: one where all are alike.
@@ -72,11 +114,16 @@ pub fn azimuths(isotropic: bool) -> &'static [f64] {
     if isotropic { &[0.0] } else { &[0.0, 0.25, 0.5, 0.75] }
 }
 
-/// The largest directional albedo a channel over [`INCIDENCES_DEG`] and, where a lobe is anisotropic, four azimuths 45° apart.
+/// The largest directional albedo a channel over [`INCIDENCES_DEG`] and, where a lobe is anisotropic, four azimuths 45° apart, of lobes about
+/// a normal of their own eight.
 pub fn largest(brdf: &LobeBrdf) -> Rgb {
     let isotropic = brdf.lobes.iter().all(|lobe| lobe.c.x == lobe.c.y);
+    let turns = match brdf.normal == glam::Vec2::ZERO {
+        true => azimuths(isotropic),
+        false => &[0.0, 0.25, 0.5, 0.75, 1.0, 1.25, 1.5, 1.75],
+    };
     let mut largest = Rgb::ZERO;
-    for &turn in azimuths(isotropic) {
+    for &turn in turns {
         for degrees in INCIDENCES_DEG {
             let (sin, cos) = degrees.to_radians().sin_cos();
             let azimuth = f64::from(brdf.beta) + turn * std::f64::consts::PI;
@@ -90,7 +137,7 @@ pub fn largest(brdf: &LobeBrdf) -> Rgb {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{Brdf, Lobe, Microfacet, materials};
+    use crate::{Brdf, Microfacet, materials};
 
     /// The midpoint rule over the hemisphere.
     fn brute(brdf: &LobeBrdf, wi: Vec3) -> Rgb {
@@ -109,7 +156,7 @@ mod tests {
 
     #[test]
     fn the_sum_agrees_with_quadrature_over_the_hemisphere() {
-        let lobe = Lobe { rho_s: Rgb::splat(0.4), c: Vec3::new(-1.0, -0.6, 0.8), n: 7.0 };
+        let lobe = Lobe::new(Rgb::splat(0.4), Vec3::new(-1.0, -0.6, 0.8), 7.0);
         let coat = Microfacet { f0: Rgb::splat(0.04), f90: Rgb::ONE, alpha: 0.4 };
         let mixed = LobeBrdf {
             beta: 0.4,
@@ -117,9 +164,11 @@ mod tests {
             microfacets: vec![coat],
             ..LobeBrdf::diffuse(Rgb::splat(0.2))
         };
-        for brdf in
-            [mixed, materials::published("clay").unwrap(), materials::published("brushed-metal").unwrap()]
-        {
+        let tilted = LobeBrdf { normal: glam::Vec2::new(0.15, -0.1), ..mixed.clone() };
+        let mut sharpening = tilted.clone();
+        sharpening.lobes[0].n_grazing = Some(60.0);
+        let published = ["clay", "brushed-metal"].map(|name| materials::published(name).unwrap());
+        for brdf in [mixed, tilted, sharpening].into_iter().chain(published) {
             for degrees in [0.0f32, 40.0, 80.0] {
                 let (sin, cos) = degrees.to_radians().sin_cos();
                 let wi = Vec3::new(sin * 0.8, sin * 0.6, cos);

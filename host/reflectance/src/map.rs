@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::path::Path;
 
-use glam::Vec3;
+use glam::{Vec2, Vec3};
 
 use crate::{FormatError, Lobe, LobeBrdf, Microfacet, Rgb, map_exr};
 
@@ -16,6 +16,26 @@ pub struct LobePlane {
     pub c: Vec<Vec3>,
     /// Exponent a texel.
     pub n: Vec<f32>,
+    /// Exponent toward grazing a texel, that of `n` where the lobe does not sharpen; empty when it does nowhere.
+    pub n_grazing: Vec<f32>,
+}
+
+impl LobePlane {
+    fn at(&self, index: usize) -> Lobe {
+        let n_grazing = self.n_grazing.get(index).copied().filter(|&grazing| grazing != self.n[index]);
+        Lobe { rho_s: self.rho_s[index], c: self.c[index], n: self.n[index], n_grazing }
+    }
+
+    fn set(&mut self, index: usize, lobe: &Lobe) {
+        (self.rho_s[index], self.c[index]) = (lobe.rho_s, lobe.c);
+        if self.n_grazing.is_empty() && lobe.n_grazing.is_some() {
+            self.n_grazing = self.n.clone();
+        }
+        if let Some(grazing) = self.n_grazing.get_mut(index) {
+            *grazing = lobe.n_grazing.unwrap_or(lobe.n);
+        }
+        self.n[index] = lobe.n;
+    }
 }
 
 /// The coefficients of one microfacet term at every texel.
@@ -46,6 +66,8 @@ pub struct SbrdfMap {
     pub rho_d: Vec<Rgb>,
     /// Direction of anisotropy β a texel, radians.
     pub beta: Vec<f32>,
+    /// x and y of the lobes' unit normal a texel; empty when it is the surface's own everywhere.
+    pub normal: Vec<Vec2>,
     /// The lobes; every texel has all of them, unused ones with ρ_s = 0.
     pub lobes: Vec<LobePlane>,
     /// The microfacet terms; unused ones with f0 = f90 = 0.
@@ -64,6 +86,7 @@ impl SbrdfMap {
             rho_s: vec![Rgb::ZERO; count],
             c: vec![Vec3::new(-1.0, -1.0, 1.0); count],
             n: vec![1.0; count],
+            n_grazing: Vec::new(),
         };
         Self {
             width,
@@ -83,13 +106,19 @@ impl SbrdfMap {
         assert_eq!(texels.len(), width * height, "one BRDF a texel");
         let lobes = texels.iter().map(|texel| texel.lobes.len()).max().unwrap_or(0);
         let mut map = Self::new(width, height, lobes);
-        let black = vec![Rgb::ZERO; texels.len()];
-        let plane = MicrofacetPlane { f0: black.clone(), f90: black, alpha: vec![1.0; texels.len()] };
-        map.microfacets = vec![plane; texels.iter().map(|texel| texel.microfacets.len()).max().unwrap_or(0)];
+        map.add_microfacets(texels.iter().map(|texel| texel.microfacets.len()).max().unwrap_or(0));
         for (index, texel) in texels.iter().enumerate() {
             map.set(index, texel);
         }
         map
+    }
+
+    /// Adds black microfacet terms until there are `count`.
+    pub fn add_microfacets(&mut self, count: usize) {
+        let (texels, has) = (self.width * self.height, self.microfacets.len());
+        let black = vec![Rgb::ZERO; texels];
+        let plane = MicrofacetPlane { f0: black.clone(), f90: black, alpha: vec![1.0; texels] };
+        self.microfacets.resize(has.max(count), plane);
     }
 
     /// Sets the coefficients of texel `index` (row · width + column); what is beyond the map's number of lobes or microfacet terms is dropped.
@@ -97,9 +126,13 @@ impl SbrdfMap {
         self.rho_d[index] = texel.rho_d;
         self.beta[index] = texel.beta;
         for (plane, lobe) in self.lobes.iter_mut().zip(&texel.lobes) {
-            plane.rho_s[index] = lobe.rho_s;
-            plane.c[index] = lobe.c;
-            plane.n[index] = lobe.n;
+            plane.set(index, lobe);
+        }
+        if self.normal.is_empty() && texel.normal != Vec2::ZERO {
+            self.normal = vec![Vec2::ZERO; self.rho_d.len()];
+        }
+        if let Some(normal) = self.normal.get_mut(index) {
+            *normal = texel.normal;
         }
         for (plane, coat) in self.microfacets.iter_mut().zip(&texel.microfacets) {
             (plane.f0[index], plane.f90[index], plane.alpha[index]) = (coat.f0, coat.f90, coat.alpha);
@@ -108,18 +141,28 @@ impl SbrdfMap {
 
     /// The BRDF of texel `index` (row · width + column), without what is black.
     pub fn texel(&self, index: usize) -> LobeBrdf {
-        let lobes = self.lobes.iter().map(|plane| Lobe {
-            rho_s: plane.rho_s[index],
-            c: plane.c[index],
-            n: plane.n[index],
-        });
+        let lobes = self.lobes.iter().map(|plane| plane.at(index));
         let coats = self.microfacets.iter().map(|plane| plane.at(index));
         LobeBrdf {
             rho_d: self.rho_d[index],
             beta: self.beta[index],
+            normal: self.normal_of(index),
             lobes: lobes.filter(|lobe| lobe.rho_s != Rgb::ZERO).collect(),
             microfacets: coats.filter(|coat| coat.f0 != Rgb::ZERO || coat.f90 != Rgb::ZERO).collect(),
         }
+    }
+
+    fn normal_of(&self, index: usize) -> Vec2 {
+        self.normal.get(index).copied().unwrap_or(Vec2::ZERO)
+    }
+
+    /// What its lobes have beyond one exponent and the surface's normal, in words.
+    pub fn extension(&self) -> Option<&'static str> {
+        if !self.normal.is_empty() {
+            return Some("lobes about a normal of their own");
+        }
+        let sharpens = self.lobes.iter().any(|plane| !plane.n_grazing.is_empty());
+        sharpens.then_some("lobes that sharpen toward grazing")
     }
 
     /// Reflectance of texel `index` in sr⁻¹ without building a [`LobeBrdf`].
@@ -127,14 +170,14 @@ impl SbrdfMap {
         if wi.z <= 0.0 || wo.z <= 0.0 {
             return Rgb::ZERO;
         }
-        let beta = self.beta[index];
+        let (normal, beta, t) = (self.normal_of(index), self.beta[index], 0.5 * (wi.z + wo.z));
         let coats: Rgb = self.microfacets.iter().map(|plane| plane.at(index).eval(wi, wo)).sum();
-        let (wi, wo) = (crate::lobe::into_lobe_frame(wi, beta), crate::lobe::into_lobe_frame(wo, beta));
+        let [wi, wo] = [wi, wo].map(|direction| crate::lobe::into_lobe_frame(direction, normal, beta));
         let mut reflectance = self.rho_d[index] + coats;
         for plane in &self.lobes {
             let rho_s = plane.rho_s[index];
             if rho_s != Rgb::ZERO {
-                reflectance += rho_s * Lobe { rho_s, c: plane.c[index], n: plane.n[index] }.shape(wi, wo);
+                reflectance += rho_s * plane.at(index).shape(wi, wo, t);
             }
         }
         reflectance
@@ -166,7 +209,8 @@ mod tests {
     fn a_texel_comes_back_as_it_was_set_and_evaluates_alike() {
         let (felt, skin) = (materials::published("felt").unwrap(), materials::published("skin").unwrap());
         let coat = Microfacet { f0: Rgb::splat(0.04), f90: Rgb::ONE, alpha: 0.1 };
-        let skin = LobeBrdf { microfacets: vec![coat], ..skin };
+        let mut skin = LobeBrdf { microfacets: vec![coat], normal: Vec2::new(0.05, -0.1), ..skin };
+        skin.lobes[1].n_grazing = Some(40.0);
         let map = SbrdfMap::from_texels(2, 1, &[felt.clone(), skin.clone()]);
         assert_eq!(map.texel(0), felt);
         assert_eq!(map.texel(1), skin);

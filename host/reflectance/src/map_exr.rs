@@ -9,7 +9,7 @@ use exr::prelude::{
     AnyChannel, AnyChannels, Encoding, FlatSamples, Image, Layer, LayerAttributes, LineOrder, SmallVec, Text,
     WritableImage, attribute::AttributeValue, read_first_flat_layer_from_file,
 };
-use glam::Vec3;
+use glam::{Vec2, Vec3};
 
 use crate::{FormatError, LobePlane, MicrofacetPlane, SbrdfMap};
 
@@ -17,11 +17,11 @@ use crate::{FormatError, LobePlane, MicrofacetPlane, SbrdfMap};
 const UNITS: [(&str, &str); 2] = [
     (
         "lobelia:units",
-        "rho_d, lobeN.rho_s: 1/sr; beta: rad; C, n, f0, f90, alpha: none; reflectance excludes the cosine",
+        "rho_d, lobeN.rho_s: 1/sr; beta: rad; normal, C, n, n_grazing, f0, f90, alpha: none; reflectance excludes the cosine",
     ),
     (
         "lobelia:model",
-        "rho_d + sum rho_s max(0, (R(-beta) C R(beta) wi).wo)^n + sum ggx: Schlick(f0, f90) D(alpha) G / (4 cos_i cos_o)",
+        "rho_d + sum rho_s max(0, (R(-beta) C R(beta) wi).wo)^n, wi and wo in the frame of the normal, n to n_grazing as (cos_i + cos_o)/2 falls + sum ggx: Schlick(f0, f90) D(alpha) G / (4 cos_i cos_o)",
     ),
 ];
 
@@ -38,10 +38,16 @@ pub(crate) fn write(map: &SbrdfMap, path: &Path) -> Result<(), FormatError> {
     let mut planes: Vec<(String, Vec<f32>)> = Vec::new();
     push_vectors(&mut planes, "rho_d", ["R", "G", "B"], &map.rho_d);
     planes.push(("beta".into(), map.beta.clone()));
+    for (axis, name) in ["normal.x", "normal.y"].into_iter().enumerate().filter(|_| !map.normal.is_empty()) {
+        planes.push((name.into(), map.normal.iter().map(|normal| normal[axis]).collect()));
+    }
     for (j, lobe) in map.lobes.iter().enumerate() {
         push_vectors(&mut planes, &format!("lobe{j}.rho_s"), ["R", "G", "B"], &lobe.rho_s);
         push_vectors(&mut planes, &format!("lobe{j}.C"), ["x", "y", "z"], &lobe.c);
         planes.push((format!("lobe{j}.n"), lobe.n.clone()));
+        if !lobe.n_grazing.is_empty() {
+            planes.push((format!("lobe{j}.n_grazing"), lobe.n_grazing.clone()));
+        }
     }
     for (j, coat) in map.microfacets.iter().enumerate() {
         push_vectors(&mut planes, &format!("ggx{j}.f0"), ["R", "G", "B"], &coat.f0);
@@ -136,12 +142,17 @@ pub(crate) fn read(path: &Path) -> Result<SbrdfMap, FormatError> {
     let mut map = SbrdfMap { width, height, ..SbrdfMap::default() };
     map.rho_d = take_vectors(&mut planes, "rho_d", ["R", "G", "B"], path)?;
     map.beta = planes.remove("beta").unwrap_or_else(|| vec![0.0; width * height]);
+    if planes.contains_key("normal.x") {
+        let (x, y) = (take(&mut planes, "normal.x", path)?, take(&mut planes, "normal.y", path)?);
+        map.normal = x.into_iter().zip(y).map(|(x, y)| Vec2::new(x, y)).collect();
+    }
     while planes.contains_key(&format!("lobe{}.n", map.lobes.len())) {
         let j = map.lobes.len();
         map.lobes.push(LobePlane {
             rho_s: take_vectors(&mut planes, &format!("lobe{j}.rho_s"), ["R", "G", "B"], path)?,
             c: take_vectors(&mut planes, &format!("lobe{j}.C"), ["x", "y", "z"], path)?,
             n: take(&mut planes, &format!("lobe{j}.n"), path)?,
+            n_grazing: planes.remove(&format!("lobe{j}.n_grazing")).unwrap_or_default(),
         });
     }
     while planes.contains_key(&format!("ggx{}.alpha", map.microfacets.len())) {
@@ -185,11 +196,15 @@ fn take_vectors(
 
 #[cfg(test)]
 mod tests {
+    use glam::Vec2;
+
     use crate::{Microfacet, Rgb, SbrdfMap, materials};
 
     fn example() -> SbrdfMap {
         let mut texels: Vec<_> =
             materials::NAMES.iter().map(|name| materials::published(name).unwrap().rotated(0.3)).collect();
+        texels[2].normal = Vec2::new(0.1, -0.02);
+        texels[2].lobes[1].n_grazing = Some(70.0);
         texels[1].microfacets.push(Microfacet { f0: Rgb::splat(0.04), f90: Rgb::ONE, alpha: 0.1 });
         let mut map = SbrdfMap::from_texels(3, 2, &texels);
         map.extra.insert("error.rms".into(), vec![0.25; 6]);

@@ -113,7 +113,7 @@ pub fn published(name: &str) -> Option<LobeBrdf> {
 
 /// One white lobe when the channels agree, else one lobe a channel.
 fn shared_or_single_channel((cxy, cz, n): &PublishedLobe) -> Vec<Lobe> {
-    let lobe = |k: usize, rho_s| Lobe { rho_s, c: Vec3::new(cxy[k], cxy[k], cz[k]), n: n[k] };
+    let lobe = |k: usize, rho_s| Lobe::new(rho_s, Vec3::new(cxy[k], cxy[k], cz[k]), n[k]);
     let same = |x: &[f32; 3]| x[0] == x[1] && x[1] == x[2];
     if same(cxy) && same(cz) && same(n) {
         return vec![lobe(0, Rgb::ONE)];

@@ -3,13 +3,13 @@
 use std::path::Path;
 use std::sync::Arc;
 
-use glam::Vec3;
+use glam::{Vec2, Vec3};
 use lobelia_hil_sim::optics::{Material, Pattern, SampleLayout};
 use serde::{Deserialize, Serialize};
 
 use crate::error::{Error, Result};
 use crate::reflectance::table::{InterpolatedBrdf, MeasuredTable};
-use crate::reflectance::{Lobe, LobeBrdf, Rgb, materials};
+use crate::reflectance::{Lobe, LobeBrdf, Microfacet, Rgb, materials};
 use crate::rig::config::Carrier;
 use crate::toml_file;
 
@@ -69,9 +69,15 @@ pub struct MaterialRecipe {
     /// Direction of anisotropy.
     #[serde(default, skip_serializing_if = "is_zero")]
     pub beta_deg: f32,
+    /// x and y of the unit normal about which the lobes stand, where that is not the sample's.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub normal: Option<[f32; 2]>,
     /// The lobes.
     #[serde(default, rename = "lobe", skip_serializing_if = "Vec::is_empty")]
     pub lobes: Vec<LobeRecipe>,
+    /// A GGX microfacet term.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub ggx: Option<Microfacet>,
 }
 
 fn is_zero(value: &f32) -> bool {
@@ -88,6 +94,9 @@ pub struct LobeRecipe {
     pub c: [f32; 3],
     /// Exponent.
     pub n: f32,
+    /// Exponent toward grazing, of a lobe that sharpens (6.19).
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub n_grazing: Option<f32>,
 }
 
 impl Recipe {
@@ -190,22 +199,31 @@ impl MaterialRecipe {
 
     fn lobe_brdf(&self, rho_d: [f32; 3]) -> Result<LobeBrdf> {
         let finite = |numbers: &[f32]| numbers.iter().all(|x| x.is_finite());
-        let valid = |lobe: &LobeRecipe| finite(&lobe.rho_s) && finite(&lobe.c) && lobe.n > 0.0;
+        let exponents = |lobe: &LobeRecipe| lobe.n > 0.0 && lobe.n_grazing.is_none_or(|n| n > 0.0);
+        let valid = |lobe: &LobeRecipe| finite(&lobe.rho_s) && finite(&lobe.c) && exponents(lobe);
         if !finite(&rho_d) || !self.lobes.iter().all(valid) {
             return Err(Error::input("a coefficient is not finite or an exponent not above 0"));
         }
         let lobe = |lobe: &LobeRecipe| Lobe {
-            rho_s: Rgb::from_array(lobe.rho_s),
-            c: Vec3::from_array(lobe.c),
-            n: lobe.n,
+            n_grazing: lobe.n_grazing,
+            ..Lobe::new(Rgb::from_array(lobe.rho_s), Vec3::from_array(lobe.c), lobe.n)
         };
+        let normal = Vec2::from_array(self.normal.unwrap_or_default());
+        let shorter = normal.length() < 1.0;
+        if !shorter {
+            return Err(Error::input("normal is x and y of a unit vector: its length must be below 1"));
+        }
+        if self.ggx.is_some_and(|ggx| !(ggx.alpha > 0.0 && ggx.f0.is_finite() && ggx.f90.is_finite())) {
+            return Err(Error::input("ggx: a coefficient is not finite, or alpha is not above 0"));
+        }
         let brdf = LobeBrdf {
             rho_d: Rgb::from_array(rho_d),
             beta: 0.0,
             lobes: self.lobes.iter().map(lobe).collect(),
+            microfacets: self.ggx.into_iter().collect(),
             ..LobeBrdf::default()
         };
-        Ok(brdf.rotated(self.beta_deg.to_radians()))
+        Ok(LobeBrdf { normal, ..brdf.rotated(self.beta_deg.to_radians()) })
     }
 }
 
@@ -225,6 +243,26 @@ mod tests {
         .unwrap();
         let text = recipe.layout(Path::new("."), &Carrier::default()).err().unwrap().to_string();
         assert!(text.contains("material 0") && text.contains("velvet") && text.contains("felt"), "{text}");
+    }
+
+    #[test]
+    fn a_material_has_the_normal_the_sharpening_and_the_microfacet_term_that_it_names() {
+        let recipe = |normal: &str| -> Recipe {
+            let text = format!(
+                "[pattern]\nkind = \"checks\"\nsize_mm = 4\n[[material]]\nrho_d = [0.1, 0.2, 0.3]\nbeta_deg = 20\nnormal = {normal}\n\
+                 lobe = [{{ rho_s = [1, 1, 1], c = [-1, -0.5, 1], n = 20, n_grazing = 80 }}]\n\
+                 ggx = {{ f0 = [0.04, 0.04, 0.04], f90 = [1, 1, 1], alpha = 0.2 }}\n"
+            );
+            toml_file::parse(&text, "m.toml").unwrap()
+        };
+        let Material::Lobes(brdf) = recipe("[0.1, -0.05]").build_materials(Path::new(".")).unwrap().remove(0)
+        else {
+            panic!("lobes were named");
+        };
+        assert_eq!((brdf.normal, brdf.lobes[0].n_grazing), (Vec2::new(0.1, -0.05), Some(80.0)));
+        assert_eq!(brdf.microfacets, [Microfacet { f0: Rgb::splat(0.04), f90: Rgb::ONE, alpha: 0.2 }]);
+        let wrong = recipe("[0.8, 0.8]").build_materials(Path::new(".")).map(|_| ()).unwrap_err();
+        assert!(wrong.to_string().contains("normal") && wrong.exit_code() == 2, "{wrong}");
     }
 
     #[test]

@@ -109,8 +109,7 @@ fn maps(environments: &[(String, Environment)], settings: &Settings, bar: &progr
 
 /// A grey ball with one lobe of an exponent in an environment, before black.
 fn ball(environment: &Environment, n: f32, width: u32) -> Scene {
-    let lobe =
-        Lobe { rho_s: Rgb::splat((n + 2.0) / std::f32::consts::TAU), c: Vec3::new(-1.0, -1.0, 1.0), n };
+    let lobe = Lobe::new(Rgb::splat((n + 2.0) / std::f32::consts::TAU), Vec3::new(-1.0, -1.0, 1.0), n);
     let brdf = LobeBrdf { lobes: vec![lobe], ..LobeBrdf::default() };
     Scene {
         objects: vec![Object {

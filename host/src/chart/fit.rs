@@ -1,4 +1,4 @@
-//! What a fit costs against how right it is: methods by noise, cost by the amount of data, the direction of anisotropy by blur.
+//! What a fit costs against how right it is: methods by noise, models by material, cost by the amount of data, the direction of anisotropy by blur.
 
 use std::time::Instant;
 
@@ -33,7 +33,13 @@ pub fn chart(seed: u64) -> Result<Chart> {
         .build()
         .map_err(|error| Error::failure(format!("a thread cannot be started: {error}")))?;
     let mut sections = pool.install(|| -> Result<Vec<Section>> {
-        Ok(vec![methods(seed)?, super::residual::section(seed)?, amounts(seed)?, weave(seed)?])
+        Ok(vec![
+            methods(seed)?,
+            super::residual::section(seed)?,
+            super::models::section(seed)?,
+            amounts(seed)?,
+            weave(seed)?,
+        ])
     })?;
     sections.push(super::device::section(seed)?);
     Ok(Chart {
@@ -237,7 +243,7 @@ fn weave_errors_deg(blur: f64, seed: u64) -> Result<Vec<f64>> {
     const THREAD: usize = 4;
     let side = 4 * THREAD;
     let beta = 17f32.to_radians();
-    let lobe = Lobe { rho_s: Rgb::new(0.5, 0.35, 0.15), c: Vec3::new(-1.0, -0.75, 0.95), n: 20.0 };
+    let lobe = Lobe::new(Rgb::new(0.5, 0.35, 0.15), Vec3::new(-1.0, -0.75, 0.95), 20.0);
     let warp = LobeBrdf { rho_d: Rgb::new(0.06, 0.04, 0.02), beta, lobes: vec![lobe], ..LobeBrdf::default() };
     let weft =
         LobeBrdf { rho_d: Rgb::new(0.02, 0.04, 0.08), ..warp.clone() }.rotated(std::f32::consts::FRAC_PI_2);

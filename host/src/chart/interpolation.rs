@@ -29,7 +29,7 @@ struct Couple {
 }
 
 fn one_lobe(rho_d: f32, c: [f32; 3], n: f32) -> LobeBrdf {
-    let lobe = Lobe { rho_s: Rgb::new(0.5, 0.4, 0.3), c: Vec3::from_array(c), n };
+    let lobe = Lobe::new(Rgb::new(0.5, 0.4, 0.3), Vec3::from_array(c), n);
     LobeBrdf { rho_d: Rgb::splat(rho_d), beta: 0.0, lobes: vec![lobe], ..LobeBrdf::default() }
 }
 

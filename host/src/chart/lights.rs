@@ -53,10 +53,12 @@ fn prepared(scene: &Scene, lobes: usize, count: usize) -> Scene {
 /// A BRDF with a number of lobes.
 fn brdf(lobes: usize, random: &mut Random) -> LobeBrdf {
     let mut number = |low: f64, high: f64| random.uniform(low, high) as f32;
-    let lobe = |_| Lobe {
-        rho_s: Rgb::new(number(0.1, 0.4), number(0.1, 0.4), number(0.1, 0.4)) / lobes as f32,
-        c: Vec3::new(-1.0, -1.0, number(0.9, 1.0)),
-        n: number(2.0, 60.0),
+    let lobe = |_| {
+        Lobe::new(
+            Rgb::new(number(0.1, 0.4), number(0.1, 0.4), number(0.1, 0.4)) / lobes as f32,
+            Vec3::new(-1.0, -1.0, number(0.9, 1.0)),
+            number(2.0, 60.0),
+        )
     };
     let lobes = (0..lobes).map(lobe).collect();
     LobeBrdf { rho_d: Rgb::splat(0.15), lobes, ..LobeBrdf::default() }

@@ -17,6 +17,7 @@ mod filtering;
 pub mod fit;
 pub mod interpolation;
 pub mod lights;
+mod models;
 pub mod plan;
 mod plot;
 pub mod render;

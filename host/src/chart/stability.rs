@@ -34,7 +34,7 @@ const RATIO: usize = 7;
 
 /// A lobe that stands for a glossy paint: ρ_d, ρ_s, and C = (−1, −1, Cz).
 fn truth(n: f64) -> LobeBrdf {
-    let lobe = Lobe { rho_s: Rgb::new(0.4, 0.35, 0.3), c: Vec3::new(-1.0, -1.0, 0.95), n: n as f32 };
+    let lobe = Lobe::new(Rgb::new(0.4, 0.35, 0.3), Vec3::new(-1.0, -1.0, 0.95), n as f32);
     LobeBrdf { rho_d: Rgb::new(0.1, 0.06, 0.03), beta: 0.0, lobes: vec![lobe], ..LobeBrdf::default() }
 }
 

@@ -37,7 +37,7 @@ fn test_lobe(n: f32, random: &mut Random) -> LobeBrdf {
     let off = (0.5 * random.uniform(-most, most)) as f32;
     let (across, up) = (off.exp(), (-off).exp());
     let c = Vec3::new(-across, -across, up) / (0.5 * (across + up));
-    let lobe = Lobe { rho_s: Rgb::splat(0.9), c, n };
+    let lobe = Lobe::new(Rgb::splat(0.9), c, n);
     LobeBrdf {
         rho_d: Rgb::splat(random.uniform(0.02, 0.2) as f32),
         beta: 0.0,
@@ -119,7 +119,7 @@ fn published() -> Section {
 
 /// In the mirror direction, where a lobe with |Cx| > 1 grows toward grazing angles and a clamped one does not.
 fn grazing() -> Section {
-    let lobe = Lobe { rho_s: Rgb::splat(0.3), c: Vec3::new(-1.04, -1.04, 0.94), n: 40.0 };
+    let lobe = Lobe::new(Rgb::splat(0.3), Vec3::new(-1.04, -1.04, 0.94), 40.0);
     let brdf = LobeBrdf { rho_d: Rgb::splat(0.05), beta: 0.0, lobes: vec![lobe], ..LobeBrdf::default() };
     let angles: Vec<f32> = (0..=44).map(|k| 2.0 * k as f32).collect();
     let curve = |storage: Storage| {
@@ -160,7 +160,7 @@ fn banding() -> Section {
     const TEXELS: usize = 256;
     let texel = |k: usize| {
         let n = 2.0 + 8.0 * k as f32 / (TEXELS - 1) as f32;
-        let lobe = Lobe { rho_s: Rgb::splat(0.3), c: Vec3::new(-1.0, -1.0, 1.0), n };
+        let lobe = Lobe::new(Rgb::splat(0.3), Vec3::new(-1.0, -1.0, 1.0), n);
         LobeBrdf { rho_d: Rgb::splat(0.02), beta: 0.0, lobes: vec![lobe], ..LobeBrdf::default() }
     };
     let (wi, wo) = (Vec3::new(0.5, 0.0, 0.75f32.sqrt()), Vec3::Z);
@@ -196,7 +196,7 @@ fn banding() -> Section {
 fn showing_artefacts() -> Result<Scene> {
     let mut scene = Scene::open(Path::new("lamps"))?;
     let shiny = |rho_d: f32, c: [f32; 3], n: f32| LobeBrdf {
-        lobes: vec![Lobe { rho_s: Rgb::splat(0.3), c: c.into(), n }],
+        lobes: vec![Lobe::new(Rgb::splat(0.3), c.into(), n)],
         ..LobeBrdf::diffuse(Rgb::splat(rho_d))
     };
     let texel = |k: usize| shiny(0.06, [-1.0, -1.0, 1.0], 2.0 + 8.0 * k as f32 / 255.0);
@@ -261,7 +261,7 @@ mod tests {
     use exr::prelude::f16;
 
     fn lobe(cx: f32, cz: f32, n: f32) -> LobeBrdf {
-        let lobe = Lobe { rho_s: Rgb::splat(0.3), c: Vec3::new(cx, cx, cz), n };
+        let lobe = Lobe::new(Rgb::splat(0.3), Vec3::new(cx, cx, cz), n);
         LobeBrdf { rho_d: Rgb::splat(0.1), beta: 0.0, lobes: vec![lobe], ..LobeBrdf::default() }
     }
 

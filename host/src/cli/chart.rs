@@ -23,7 +23,7 @@ pub(super) struct ChartArgs {
 
 #[derive(Debug, Subcommand)]
 enum What {
-    /// Time and error of fits by method, number of lobes and noise; cost by the amount of data; direction of anisotropy by blur; CPU and
+    /// Time and error of fits by method, number of lobes and noise; models beyond lobes by material; cost by the amount of data; direction of anisotropy by blur; CPU and
     /// GPU
     Fit,
     /// Poses and travel of plans by their density

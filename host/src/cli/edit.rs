@@ -173,6 +173,12 @@ fn read_map(path: &Path, context: &mut Context) -> Result<SbrdfMap> {
         let message = format!("{}: the map has a microfacet term, which `edit` cannot blend", path.display());
         return Err(Error::input(message));
     }
+    if let Some(what) = map.extension() {
+        return Err(Error::input(format!(
+            "{}: the map has {what}, which `edit` cannot blend",
+            path.display()
+        )));
+    }
     Ok(map)
 }
 

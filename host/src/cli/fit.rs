@@ -11,6 +11,7 @@ use clap::{Args, ValueEnum};
 
 use crate::error::{Error, Result};
 use crate::fit::chunks::{self, Part};
+use crate::fit::extensions::{Extensions, Microfacets};
 use crate::fit::figures::ErrorFigure;
 use crate::fit::weights::Weights;
 use crate::fit::{Device, Diffuse, FitOptions, MOST_LOBES, Method, Residual, gpu, mip};
@@ -33,9 +34,18 @@ pub(super) struct FitArgs {
     /// a sampled SBRDF (separable method; anisotropic only where that is better) or each wavelength of a table; else 2 for lm, 1 with the line search
     #[arg(long, default_value = "auto", value_name = "auto[:N]|N", value_parser = parse_lobes)]
     pub(super) lobes: Lobes,
-    /// What a table is fitted with beside the diffuse term; `auto` is lobes where --lobes is a number
-    #[arg(long, value_enum, default_value_t = ModelName::Auto)]
-    pub(super) model: ModelName,
+    /// What is fitted beside the diffuse term. `auto`, the default for tables, is lobes where --lobes is a number; the default for texels is
+    /// lobes
+    #[arg(long, value_enum)]
+    pub(super) model: Option<ModelName>,
+    /// Fit texels with a normal of their own, about which their lobes stand: channels normal.x and normal.y. Where --lobes is `auto`, a texel has
+    /// one only if its samples are predicted better with it; separable method
+    #[arg(long)]
+    pub(super) normals: bool,
+    /// Fit lobes whose exponent goes from n along the normal to n_grazing at the horizon: channels lobe0.n_grazing and so on. Where --lobes is
+    /// `auto`, only for texels whose samples are predicted better so; separable method. Tables too, by lm
+    #[arg(long)]
+    pub(super) sharpening: bool,
     /// How the lobes' shapes are found
     #[arg(long, value_enum, default_value_t = MethodName::Auto)]
     pub(super) method: MethodName,
@@ -101,7 +111,7 @@ pub(super) enum Lobes {
 /// Names of models on the command line.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub(super) enum ModelName {
-    /// Lobes alone, or with a GGX microfacet term: what predicts left-out incidences better
+    /// Lobes alone, or with a GGX microfacet term: what predicts left-out incidences, or poses, better
     Auto,
     /// Lobes alone
     Lobes,
@@ -326,9 +336,6 @@ fn sampled_options(args: &FitArgs) -> Result<FitOptions> {
     if !args.hold_out_theta_deg.is_empty() || args.random_starts > 0 {
         return Err(Error::input("--hold-out-theta-deg and --random-starts are for measured tables (.brdf)"));
     }
-    if args.model == ModelName::Ggx {
-        return Err(Error::input("--model ggx is for measured tables; texels are fitted with lobes alone"));
-    }
     let weights = if args.weights == WeightsName::Sigma { Weights::Sigma } else { Weights::Pose };
     let auto = if weights == Weights::Sigma { Residual::Linear } else { FitOptions::default().residual };
     let residual = args.residual(auto);
@@ -346,6 +353,15 @@ fn sampled_options(args: &FitArgs) -> Result<FitOptions> {
         weights,
         device: if args.device == DeviceName::Gpu { Device::Gpu } else { Device::Cpu },
         conserve_energy: args.conserve_energy,
+        extensions: Extensions {
+            normals: args.normals,
+            sharpening: args.sharpening,
+            microfacets: match args.model {
+                Some(ModelName::Ggx) => Microfacets::Always,
+                Some(ModelName::Auto) if choose => Microfacets::Choose,
+                _ => Microfacets::Never,
+            },
+        },
     };
     options.check()?;
     Ok(options)

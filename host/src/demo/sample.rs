@@ -51,7 +51,7 @@ fn brocade(x_mm: f64, y_mm: f64) -> u8 {
 
 /// The demo's materials as a recipe, laid out as a board: an example for users and what `--port sim` shows by itself.
 pub fn recipe() -> Recipe {
-    let lobe = |rho_s, c, n| LobeRecipe { rho_s, c, n };
+    let lobe = |rho_s, c, n| LobeRecipe { rho_s, c, n, n_grazing: None };
     let material = |rho_d, lobes: [LobeRecipe; 2]| MaterialRecipe {
         rho_d: Some(rho_d),
         lobes: lobes.to_vec(),

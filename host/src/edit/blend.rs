@@ -101,7 +101,7 @@ mod tests {
     use glam::Vec3;
 
     fn shiny(rho_d: f32, cz: f32, n: f32) -> LobeBrdf {
-        let lobe = Lobe { rho_s: Rgb::new(0.9, 0.6, 0.2), c: Vec3::new(-1.0, -1.0, cz), n };
+        let lobe = Lobe::new(Rgb::new(0.9, 0.6, 0.2), Vec3::new(-1.0, -1.0, cz), n);
         LobeBrdf { rho_d: Rgb::splat(rho_d), beta: 0.0, lobes: vec![lobe], ..LobeBrdf::default() }
     }
 
@@ -140,7 +140,7 @@ mod tests {
     #[test]
     fn brushed_parts_of_different_directions_are_fitted_not_joined() {
         let brushed = |beta| {
-            let lobe = Lobe { rho_s: Rgb::ONE, c: Vec3::new(-1.0, -0.7, 0.95), n: 20.0 };
+            let lobe = Lobe::new(Rgb::ONE, Vec3::new(-1.0, -0.7, 0.95), 20.0);
             LobeBrdf { rho_d: Rgb::splat(0.1), beta, lobes: vec![lobe], ..LobeBrdf::default() }
         };
         let (a, b) = (brushed(0.2), brushed(0.21));

@@ -156,7 +156,7 @@ mod tests {
     use glam::Vec3;
 
     fn material(rho_d: Rgb, n: f32) -> LobeBrdf {
-        let lobe = Lobe { rho_s: Rgb::splat(0.4), c: Vec3::new(-1.0, -1.0, 1.0), n };
+        let lobe = Lobe::new(Rgb::splat(0.4), Vec3::new(-1.0, -1.0, 1.0), n);
         LobeBrdf { rho_d, beta: 0.0, lobes: vec![lobe], ..LobeBrdf::default() }
     }
 

@@ -50,7 +50,7 @@ mod tests {
     use glam::Vec3;
 
     fn texel(rho_d: f32, rho_s: f32, n: f32) -> LobeBrdf {
-        let lobe = Lobe { rho_s: Rgb::splat(rho_s), c: Vec3::new(-1.0, -1.0, 0.9), n };
+        let lobe = Lobe::new(Rgb::splat(rho_s), Vec3::new(-1.0, -1.0, 0.9), n);
         LobeBrdf { rho_d: Rgb::splat(rho_d), beta: 0.0, lobes: vec![lobe], ..LobeBrdf::default() }
     }
 

@@ -63,11 +63,11 @@ pub fn average(parts: &[(f32, &LobeBrdf)]) -> LobeBrdf {
     for place in 0..lobes {
         let have = || parts.iter().filter_map(|(weight, brdf)| Some((*weight, brdf.lobes.get(place)?)));
         let whole: f32 = have().map(|(weight, _)| weight).sum();
-        mean.lobes.push(Lobe {
-            rho_s: have().map(|(weight, lobe)| weight * lobe.rho_s).sum(),
-            c: have().map(|(weight, lobe)| weight * lobe.c).sum::<Vec3>() / whole,
-            n: have().map(|(weight, lobe)| weight * lobe.n).sum::<f32>() / whole,
-        });
+        mean.lobes.push(Lobe::new(
+            have().map(|(weight, lobe)| weight * lobe.rho_s).sum(),
+            have().map(|(weight, lobe)| weight * lobe.c).sum::<Vec3>() / whole,
+            have().map(|(weight, lobe)| weight * lobe.n).sum::<f32>() / whole,
+        ));
     }
     let coats = parts.iter().map(|(_, brdf)| brdf.microfacets.len()).max().unwrap_or(0);
     for place in 0..coats {

@@ -30,6 +30,7 @@ pub fn gather(map: &SbrdfMap, width: usize, height: usize, indices: &[usize]) ->
         rho_s: pick(&plane.rho_s, indices),
         c: pick(&plane.c, indices),
         n: pick(&plane.n, indices),
+        n_grazing: if plane.n_grazing.is_empty() { Vec::new() } else { pick(&plane.n_grazing, indices) },
     };
     let coat = |plane: &MicrofacetPlane| MicrofacetPlane {
         f0: pick(&plane.f0, indices),
@@ -41,6 +42,7 @@ pub fn gather(map: &SbrdfMap, width: usize, height: usize, indices: &[usize]) ->
         height,
         rho_d: pick(&map.rho_d, indices),
         beta: pick(&map.beta, indices),
+        normal: if map.normal.is_empty() { Vec::new() } else { pick(&map.normal, indices) },
         lobes: map.lobes.iter().map(lobe).collect(),
         microfacets: map.microfacets.iter().map(coat).collect(),
         extra: map.extra.iter().map(|(name, plane)| (name.clone(), pick(plane, indices))).collect(),

@@ -7,7 +7,7 @@
 
 use std::f32::consts::{PI, TAU};
 
-use glam::{Vec3, Vec4};
+use glam::{Vec2, Vec3, Vec4};
 
 use crate::reflectance::{Brdf, Lobe, LobeBrdf, Rgb, lobe::into_lobe_frame};
 
@@ -92,8 +92,8 @@ struct Followed {
 impl Followed {
     /// The direction of the lobe's peak for light from `wi`.
     fn axis(&self, wi: Vec3) -> Vec3 {
-        let peak = self.lobe.peak(into_lobe_frame(wi, self.beta));
-        into_lobe_frame(peak, -self.beta).try_normalize().unwrap_or(Vec3::Z)
+        let peak = self.lobe.peak(into_lobe_frame(wi, Vec2::ZERO, self.beta));
+        into_lobe_frame(peak, Vec2::ZERO, -self.beta).try_normalize().unwrap_or(Vec3::Z)
     }
 }
 
@@ -152,10 +152,7 @@ mod tests {
 
     /// Phong's lobe with the given exponent.
     fn phong(n: f32) -> LobeBrdf {
-        LobeBrdf {
-            lobes: vec![Lobe { rho_s: Rgb::ONE, c: Vec3::new(-1.0, -1.0, 1.0), n }],
-            ..LobeBrdf::default()
-        }
+        LobeBrdf { lobes: vec![Lobe::new(Rgb::ONE, Vec3::new(-1.0, -1.0, 1.0), n)], ..LobeBrdf::default() }
     }
 
     #[test]

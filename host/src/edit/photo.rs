@@ -72,7 +72,7 @@ pub fn from_photo(photo: &Photo, recipe: &Recipe, seed: u64) -> Result<SbrdfMap>
             LobeBrdf {
                 rho_d: pixel / PI,
                 beta: 0.0,
-                lobes: vec![Lobe { rho_s, c: Vec3::new(cx, cx, cz), n }],
+                lobes: vec![Lobe::new(rho_s, Vec3::new(cx, cx, cz), n)],
                 ..LobeBrdf::default()
             }
         })

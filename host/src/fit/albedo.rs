@@ -57,7 +57,7 @@ fn columns(samples: &Samples, model: &Model, first: usize) -> Vec<f64> {
     for k in 0..samples.len() {
         columns.extend(std::iter::repeat_n(1.0, first));
         let products = turned.products(samples, k);
-        columns.extend(model.lobes.iter().map(|lobe| lobe.shape(products)));
+        columns.extend(model.lobes.iter().map(|lobe| lobe.shape(products, samples.mean_cosine(k))));
     }
     columns
 }

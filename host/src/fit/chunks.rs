@@ -322,6 +322,25 @@ fn paste(map: &mut SbrdfMap, piece: &SbrdfMap, places: &[usize]) {
         scatter(&mut into.rho_s, &from.rho_s, places);
         scatter(&mut into.c, &from.c, places);
         scatter(&mut into.n, &from.n, places);
+        if into.n_grazing.is_empty() && !from.n_grazing.is_empty() {
+            into.n_grazing.clone_from(&into.n);
+        }
+        let grazing = if from.n_grazing.is_empty() { &from.n } else { &from.n_grazing };
+        if !into.n_grazing.is_empty() {
+            scatter(&mut into.n_grazing, grazing, places);
+        }
+    }
+    map.add_microfacets(piece.microfacets.len());
+    for (into, from) in map.microfacets.iter_mut().zip(&piece.microfacets) {
+        scatter(&mut into.f0, &from.f0, places);
+        scatter(&mut into.f90, &from.f90, places);
+        scatter(&mut into.alpha, &from.alpha, places);
+    }
+    if map.normal.is_empty() && !piece.normal.is_empty() {
+        map.normal = vec![glam::Vec2::ZERO; texels];
+    }
+    if !piece.normal.is_empty() {
+        scatter(&mut map.normal, &piece.normal, places);
     }
     for (name, plane) in &piece.extra {
         scatter(map.extra.entry(name.clone()).or_insert_with(|| vec![0.0; texels]), plane, places);
@@ -380,6 +399,11 @@ mod tests {
         robust: false,
         device: crate::fit::Device::Cpu,
         conserve_energy: false,
+        extensions: crate::fit::extensions::Extensions {
+            normals: false,
+            sharpening: false,
+            microfacets: crate::fit::extensions::Microfacets::Never,
+        },
     };
 
     /// A store of six blocks and the shards of its fit in `count` parts.
@@ -406,6 +430,25 @@ mod tests {
         shards.rotate_left(1);
         assert!(merge(&shards, None).unwrap() == whole);
         assert!(merge(&shards, Some(&store)).unwrap() == whole);
+    }
+
+    #[test]
+    fn pieces_with_and_without_what_goes_beyond_lobes_make_one_map() {
+        use crate::reflectance::{Microfacet, Rgb, materials};
+        let plain = materials::published("clay").unwrap();
+        let coat = Microfacet { f0: Rgb::splat(0.04), f90: Rgb::ONE, alpha: 0.2 };
+        let mut beyond = plain.clone();
+        beyond.normal = glam::Vec2::new(0.1, 0.0);
+        beyond.microfacets.push(coat);
+        beyond.lobes[0].n_grazing = Some(50.0);
+        let texels = [plain.clone(), beyond, plain];
+        for order in [[0, 1, 2], [1, 0, 2]] {
+            let mut map = SbrdfMap::new(3, 1, 0);
+            for place in order {
+                paste(&mut map, &SbrdfMap::from_texels(1, 1, &texels[place..=place]), &[place]);
+            }
+            assert!(map == SbrdfMap::from_texels(3, 1, &texels));
+        }
     }
 
     #[test]

@@ -21,39 +21,45 @@ pub struct Coat {
 impl Coat {
     /// The value for sample k, sr⁻¹.
     pub fn value(&self, samples: &Samples, k: usize) -> f64 {
-        let (weight, shape, _) = self.parts(samples, k);
+        let (weight, shape, _) = parts(self.alpha, cosines(samples, k));
         (self.f0 + (self.f90 - self.f0) * weight) * shape
     }
 
     /// Derivatives of the value for sample k by f0, f90 and ln α.
     pub fn derivatives(&self, samples: &Samples, k: usize) -> [f64; 3] {
-        let (weight, shape, slope) = self.parts(samples, k);
+        let (weight, shape, slope) = parts(self.alpha, cosines(samples, k));
         let fresnel = self.f0 + (self.f90 - self.f0) * weight;
         [(1.0 - weight) * shape, weight * shape, fresnel * shape * slope]
     }
+}
 
-    /// w, D G / (4 cosθ_i cosθ_o) and the derivative of its logarithm by ln α.
-    fn parts(&self, samples: &Samples, k: usize) -> (f64, f64, f64) {
-        let (cos_o, both) = (samples.cos_o[k], samples.zz[k]);
-        let cos_i = both / cos_o;
-        // |ω_i + ω_o|² and the half vector's squared cosine.
-        let length2 = (2.0 * (1.0 + samples.xx[k] + samples.yy[k] + both)).max(1e-12);
-        let cos2 = ((cos_i + cos_o).powi(2) / length2).min(1.0);
-        let alpha2 = self.alpha * self.alpha;
-        let width = 1.0 - cos2 + alpha2 * cos2;
-        let distribution = alpha2 / (std::f64::consts::PI * width * width);
-        // Smith's Λ and its derivative by ln α.
-        let smith = |cosine: f64| {
-            let square = alpha2 * (1.0 / (cosine * cosine) - 1.0).max(0.0);
-            let root = (1.0 + square).sqrt();
-            (0.5 * (root - 1.0), 0.5 * square / root)
-        };
-        let ((lambda_i, slope_i), (lambda_o, slope_o)) = (smith(cos_i), smith(cos_o));
-        let shadowing = 1.0 / (1.0 + lambda_i + lambda_o);
-        let slope = 2.0 - 4.0 * alpha2 * cos2 / width - shadowing * (slope_i + slope_o);
-        let weight = (1.0 - 0.5 * length2.sqrt()).max(0.0).powi(5);
-        (weight, distribution * shadowing / (4.0 * both), slope)
-    }
+/// cosθ_i, cosθ_o and ω_i·ω_o of sample k.
+fn cosines(samples: &Samples, k: usize) -> [f64; 3] {
+    let (cos_o, both) = (samples.cos_o[k], samples.zz[k]);
+    [both / cos_o, cos_o, samples.xx[k] + samples.yy[k] + both]
+}
+
+/// w, S = D G / (4 cosθ_i cosθ_o) and the derivative of its logarithm by ln α, for cosθ_i, cosθ_o and ω_i·ω_o.
+#[inline(always)]
+pub fn parts(alpha: f64, [cos_i, cos_o, dot]: [f64; 3]) -> (f64, f64, f64) {
+    // |ω_i + ω_o|² and the half vector's squared cosine.
+    let length2 = (2.0 * (1.0 + dot)).max(1e-12);
+    let sum = cos_i + cos_o;
+    let cos2 = (sum * sum / length2).min(1.0);
+    let alpha2 = alpha * alpha;
+    let width = 1.0 - cos2 + alpha2 * cos2;
+    let distribution = alpha2 / (std::f64::consts::PI * width * width);
+    // Smith's Λ and its derivative by ln α.
+    let smith = |cosine: f64| {
+        let square = alpha2 * (1.0 / (cosine * cosine) - 1.0).max(0.0);
+        let root = (1.0 + square).sqrt();
+        (0.5 * (root - 1.0), 0.5 * square / root)
+    };
+    let ((lambda_i, slope_i), (lambda_o, slope_o)) = (smith(cos_i), smith(cos_o));
+    let shadowing = 1.0 / (1.0 + lambda_i + lambda_o);
+    let slope = 2.0 - 4.0 * alpha2 * cos2 / width - shadowing * (slope_i + slope_o);
+    let weight = (1.0 - 0.5 * length2.sqrt()).max(0.0).powi(5);
+    (weight, distribution * shadowing / (4.0 * cos_i * cos_o), slope)
 }
 
 #[cfg(test)]

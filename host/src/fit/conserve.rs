@@ -116,11 +116,7 @@ impl Point {
     }
 
     fn to_brdf(&self) -> LobeBrdf {
-        let lobe = |&(rho_s, c, n): &(DVec3, DVec3, f64)| Lobe {
-            rho_s: rho_s.as_vec3(),
-            c: c.as_vec3(),
-            n: n as f32,
-        };
+        let lobe = |&(rho_s, c, n): &(DVec3, DVec3, f64)| Lobe::new(rho_s.as_vec3(), c.as_vec3(), n as f32);
         let coat = |&(f0, f90, alpha): &(DVec3, DVec3, f64)| Microfacet {
             f0: f0.as_vec3(),
             f90: f90.as_vec3(),
@@ -131,6 +127,7 @@ impl Point {
             beta: self.beta as f32,
             lobes: self.lobes.iter().map(lobe).collect(),
             microfacets: self.coats.iter().map(coat).collect(),
+            ..LobeBrdf::default()
         }
     }
 
@@ -363,7 +360,7 @@ mod tests {
         let samples = testing::samples(&testing::directions(60, 6), |wi, wo| clay.eval(wi, wo));
         let of = targets(&samples, Residual::Linear);
         assert_eq!(conserve(&clay, &samples, &[0, 1, 2], &of), None);
-        let lobe = Lobe { rho_s: Rgb::new(2.4, 2.0, 1.6), c: glam::Vec3::new(-1.1, -0.8, 0.9), n: 6.0 };
+        let lobe = Lobe::new(Rgb::new(2.4, 2.0, 1.6), glam::Vec3::new(-1.1, -0.8, 0.9), 6.0);
         let metal = LobeBrdf { beta: 0.4, lobes: vec![lobe], ..LobeBrdf::diffuse(Rgb::splat(0.3)) };
         let samples = testing::samples(&testing::directions(80, 6), |wi, wo| metal.eval(wi, wo));
         let of = targets(&samples, Residual::Linear);

@@ -36,7 +36,7 @@ pub fn squares(samples: &Samples, model: &Model, channels: &[usize], amplitudes:
     for (k, rgb) in samples.rgb.iter().enumerate() {
         let products = turned.products(samples, k);
         for (shape, lobe) in shapes.iter_mut().zip(&model.lobes) {
-            *shape = lobe.shape(products);
+            *shape = lobe.shape(products, samples.mean_cosine(k));
         }
         for (&channel, amplitudes) in channels.iter().zip(amplitudes) {
             let measured = rgb[channel];

@@ -160,7 +160,7 @@ mod tests {
     use glam::Vec3;
 
     fn fitted(c: Vec3, n: f32, beta: f32, isotropic: bool) -> (Model, LobeBrdf) {
-        let lobe = Lobe { rho_s: Rgb::splat(0.6), c, n };
+        let lobe = Lobe::new(Rgb::splat(0.6), c, n);
         let truth = LobeBrdf { rho_d: Rgb::ZERO, beta, lobes: vec![lobe], ..LobeBrdf::default() };
         let samples = testing::samples(&testing::directions(200, 6), |wi, wo| truth.eval(wi, wo));
         let mut target = Target::default();

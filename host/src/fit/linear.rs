@@ -83,8 +83,8 @@ pub fn eigen(a: &mut [f64], vectors: &mut [f64], size: usize) {
     }
 }
 
-/// Most unknowns of [`nnls`].
-pub const MOST_UNKNOWNS: usize = 6;
+/// Most unknowns of [`nnls`]: ρ_d, four lobes, f0 and f90.
+pub const MOST_UNKNOWNS: usize = 7;
 
 /// Minimises xᵀ G x − 2 hᵀ x over x ≥ 0 (non-negative least squares by its normal equations). Returns hᵀ x, the part of
 /// the squared data that is explained; `x` is 0 for unknowns at their bound. Up to [`MOST_UNKNOWNS`] unknowns.

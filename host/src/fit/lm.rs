@@ -1,7 +1,7 @@
 //! Levenberg–Marquardt over the diffuse term and any number of lobes, with an analytic Jacobian.
 //!
 //! Unknowns: ρ_d, and for every lobe its amplitude A, ln n and the direction of C (one angle when isotropic, two tangent
-//! coordinates else, updated on the unit sphere); β when anisotropic; f0, f90 and ln α of a microfacet term last. Amplitudes and ρ_d stay ≥ 0, amplitudes
+//! coordinates else, updated on the unit sphere), of one that sharpens ln n₀; β when anisotropic; f0, f90 and ln α of a microfacet term last. Amplitudes and ρ_d stay ≥ 0, amplitudes
 //! below [`MOST_OVER_SEEN`](super::samples::MOST_OVER_SEEN) times the largest value: an unknown at its
 //! bound with the gradient pushing outward is frozen for that step. Damping is Marquardt's (the diagonal scaled by 1 + λ),
 //! λ by Nielsen's rule (1999).
@@ -76,7 +76,8 @@ impl Layout {
     fn new(freedom: Freedom, model: &Model) -> Self {
         let lobes = model.lobes.len();
         let first_lobe = usize::from(freedom.diffuse);
-        let per_lobe = if freedom.isotropic { 3 } else { 4 };
+        let sharpens = model.lobes.first().is_some_and(|lobe| lobe.n_grazing.is_some());
+        let per_lobe = usize::from(sharpens) + if freedom.isotropic { 3 } else { 4 };
         let end = first_lobe + per_lobe * lobes;
         let beta = (!freedom.isotropic && lobes > 0).then_some(end);
         let end = end + usize::from(beta.is_some());
@@ -118,7 +119,7 @@ impl Optimiser {
                 (shapes[k], logs[k]) = (0.0, 0.0);
                 if base > 1e-12 {
                     let log = base.ln();
-                    let power = lobe.n * log;
+                    let power = exponent(lobe, samples, k) * log;
                     if power > NEGLIGIBLE {
                         (shapes[k], logs[k]) = (power.exp(), log);
                         self.values[k] += lobe.amplitude * shapes[k];
@@ -226,12 +227,22 @@ impl Optimiser {
             let at = layout.first_lobe + j * layout.per_lobe;
             self.row[at] = shape;
             let products = turned.products(samples, k);
-            self.row[at + 1] = lobe.amplitude * shape * lobe.n * log;
-            let by_base = lobe.amplitude * shape * lobe.n / lobe.c.dot(products);
-            let [u, v] = tangents(lobe.c, freedom.isotropic);
-            self.row[at + 2] = by_base * u.dot(products);
+            let (value, exponent) = (lobe.amplitude * shape, exponent(lobe, samples, k));
+            let by_base = value * exponent / lobe.c.dot(products);
+            let along = tangents(lobe.c, freedom.isotropic);
+            let [mut u, mut v] = along.map(|tangent| by_base * tangent.dot(products));
+            self.row[at + 1] = value * lobe.n * log;
+            if let Some(grazing) = lobe.n_grazing {
+                let t = samples.mean_cosine(k);
+                self.row[at + 1] *= t;
+                self.row[at + layout.per_lobe - 1] = value * grazing * (1.0 - t) * log;
+                // The reference is part of the shape, not of the amplitude.
+                let [of_u, of_v] = along.map(|tangent| lobe.reference_slope(tangent, samples.cone()));
+                (u, v) = (u - value * exponent * of_u, v - value * exponent * of_v);
+            }
+            self.row[at + 2] = u;
             if let Some(beta) = layout.beta {
-                self.row[at + 3] = by_base * v.dot(products);
+                self.row[at + 3] = v;
                 self.row[beta] += by_base * (lobe.c.x - lobe.c.y) * turned.slope(samples, k);
             }
         }
@@ -258,6 +269,10 @@ impl Optimiser {
             lobe.amplitude = (lobe.amplitude + self.step[at]).clamp(0.0, most);
             let factor = self.step[at + 1].clamp(-1.5, 1.5).exp();
             lobe.n = (lobe.n * factor).clamp(EXPONENTS[0], EXPONENTS[1]);
+            if let Some(grazing) = &mut lobe.n_grazing {
+                let factor = self.step[at + layout.per_lobe - 1].clamp(-1.5, 1.5).exp();
+                *grazing = (*grazing * factor).clamp(EXPONENTS[0], EXPONENTS[1]);
+            }
             let [u, v] = tangents(lobe.c, freedom.isotropic);
             let mut turn = u * self.step[at + 2];
             if layout.beta.is_some() {
@@ -289,9 +304,12 @@ impl Optimiser {
             let at = layout.first_lobe + j * layout.per_lobe;
             self.fixed[at] = (lobe.amplitude <= 0.0 && self.gradient[at] > 0.0)
                 || (lobe.amplitude >= most && self.gradient[at] < 0.0);
-            let downhill = -self.gradient[at + 1];
-            self.fixed[at + 1] =
-                (lobe.n <= EXPONENTS[0] && downhill < 0.0) || (lobe.n >= EXPONENTS[1] && downhill > 0.0);
+            let at_grazing = lobe.n_grazing.map(|grazing| (at + layout.per_lobe - 1, grazing));
+            for (place, n) in [Some((at + 1, lobe.n)), at_grazing].into_iter().flatten() {
+                let downhill = -self.gradient[place];
+                self.fixed[place] =
+                    (n <= EXPONENTS[0] && downhill < 0.0) || (n >= EXPONENTS[1] && downhill > 0.0);
+            }
         }
     }
 
@@ -383,9 +401,20 @@ impl Optimiser {
     }
 }
 
+/// The exponent of a lobe at sample k.
+fn exponent(lobe: &ModelLobe, samples: &Samples, k: usize) -> f64 {
+    if lobe.n_grazing.is_some() { lobe.exponent(samples.mean_cosine(k)) } else { lobe.n }
+}
+
 /// A lobe with amplitude 1 for the given shape, or a black one where its base is nowhere positive.
 pub fn start_lobe(samples: &Samples, c: DVec3, n: f64) -> ModelLobe {
-    ModelLobe::over(samples, c, n).unwrap_or(ModelLobe { amplitude: 0.0, c, n, reference: 1.0 })
+    ModelLobe::over(samples, c, n).unwrap_or(ModelLobe {
+        amplitude: 0.0,
+        c,
+        n,
+        reference: 1.0,
+        n_grazing: None,
+    })
 }
 
 #[cfg(test)]
@@ -420,9 +449,12 @@ mod tests {
         let samples = testing::samples(&testing::directions(60, 4), |wi, wo| truth.eval(wi, wo));
         let mut optimiser = Optimiser::default();
         for residual in Residual::ALL {
-            for isotropic in [false, true] {
+            for (isotropic, sharpens) in [(false, false), (true, false), (false, true), (true, true)] {
                 let freedom = Freedom { isotropic, diffuse: true };
                 let mut model = model(&samples);
+                if sharpens {
+                    model.lobes.iter_mut().for_each(|lobe| lobe.n_grazing = Some(2.5 * lobe.n));
+                }
                 if isotropic {
                     model.beta = 0.0;
                     for lobe in &mut model.lobes {
@@ -431,12 +463,14 @@ mod tests {
                 }
                 let mut target = Target::default();
                 target.set(&samples, samples.value.iter().copied(), residual);
+                Optimiser::refer(&mut model, &samples, 1e9);
                 optimiser.evaluate(&samples, &target, &model);
                 optimiser.normal_equations(&samples, &target, &model, freedom);
                 let gradient = optimiser.gradient.clone();
                 for (unknown, &analytic) in gradient.iter().enumerate() {
                     let mut at = |size| {
-                        let model = moved(&mut optimiser, &model, freedom, unknown, size);
+                        let mut model = moved(&mut optimiser, &model, freedom, unknown, size);
+                        Optimiser::refer(&mut model, &samples, 1e9);
                         optimiser.evaluate(&samples, &target, &model)
                     };
                     let step = 1e-5;
@@ -453,7 +487,7 @@ mod tests {
 
     #[test]
     fn an_anisotropic_lobe_without_noise_is_recovered_with_its_direction() {
-        let lobe = Lobe { rho_s: Rgb::splat(0.7), c: Vec3::new(-0.95, -0.6, 0.9), n: 20.0 };
+        let lobe = Lobe::new(Rgb::splat(0.7), Vec3::new(-0.95, -0.6, 0.9), 20.0);
         let truth = LobeBrdf { rho_d: Rgb::splat(0.05), beta: 0.4, lobes: vec![lobe], ..LobeBrdf::default() };
         let samples = testing::samples(&testing::directions(200, 8), |wi, wo| truth.eval(wi, wo));
         let mut target = Target::default();

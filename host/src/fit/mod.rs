@@ -11,6 +11,7 @@ pub mod coat;
 pub mod conserve;
 pub mod diffuse;
 pub mod evaluate;
+pub mod extensions;
 pub mod figures;
 pub mod gpu;
 pub mod line_search;
@@ -36,6 +37,7 @@ use crate::error::{Error, Result};
 use crate::progress;
 use crate::reflectance::SbrdfMap;
 use crate::sampled::SampledSbrdf;
+use extensions::Extensions;
 use separable::mirror::Mirror;
 use separable::uncertainty::Sigma;
 use texel::{TexelFit, Workspace};
@@ -216,6 +218,8 @@ pub struct FitOptions {
     pub device: Device,
     /// Whether texels with a directional albedo above 1 are fitted again so that they have none ([`conserve`]).
     pub conserve_energy: bool,
+    /// What texels may have beyond lobes of one exponent about the surface's normal.
+    pub extensions: Extensions,
 }
 
 impl Default for FitOptions {
@@ -232,6 +236,7 @@ impl Default for FitOptions {
             robust: false,
             device: Device::Cpu,
             conserve_energy: false,
+            extensions: Extensions::default(),
         }
     }
 }
@@ -288,6 +293,7 @@ impl FitOptions {
                 self.method.name()
             )));
         }
+        Extensions::check(self)?;
         if self.separate_channels && !self.isotropic {
             return Err(Error::input(
                 "lobes of separate channels must be isotropic: a texel has one direction of anisotropy",
@@ -373,7 +379,7 @@ const BLOCK: usize = 16;
 
 /// The separable fit, block by block.
 fn fit_blocks(sampled: &SampledSbrdf, options: &FitOptions, done: &(impl Fn() + Sync)) -> Vec<TexelFit> {
-    let poses = separable::data::Poses::new(&sampled.poses);
+    let poses = separable::data::Poses::new(&sampled.poses).off_normal(options.extensions.normals);
     let (width, height) = (sampled.width, sampled.height);
     let columns = width.div_ceil(BLOCK);
     let blocks: Vec<Vec<TexelFit>> = (0..columns * height.div_ceil(BLOCK))
@@ -474,6 +480,7 @@ fn map_of(sampled: &SampledSbrdf, options: &FitOptions, fits: &[TexelFit]) -> Sb
         options.lobes * if options.separate_channels { 3 } else { 1 }
     };
     let mut map = SbrdfMap::new(sampled.width, sampled.height, planes);
+    map.add_microfacets(fits.iter().map(|fit| fit.brdf.microfacets.len()).max().unwrap_or(0));
     for (index, fit) in fits.iter().enumerate() {
         map.set(index, &fit.brdf);
     }
@@ -497,6 +504,7 @@ fn map_of(sampled: &SampledSbrdf, options: &FitOptions, fits: &[TexelFit]) -> Sb
     }
     if options.method == Method::Separable {
         add_sigmas(&mut map, fits);
+        extensions::add_sigmas(&mut map, fits);
     }
     let diffuse = match options.diffuse {
         Diffuse::Joint if options.method != Method::LineSearch => "joint".to_string(),
@@ -517,6 +525,9 @@ fn map_of(sampled: &SampledSbrdf, options: &FitOptions, fits: &[TexelFit]) -> Sb
         ("fit.conserve_energy", options.conserve_energy.to_string()),
         ("texel_mm", sampled.texel_mm.to_string()),
     ] {
+        map.attributes.insert(key.into(), value);
+    }
+    for (key, value) in options.extensions.attributes() {
         map.attributes.insert(key.into(), value);
     }
     if options.device == Device::Gpu {

@@ -4,7 +4,7 @@
 //! r, which is kept at the largest base within the cone of the samples: A is then the peak reflectance there, hardly correlated
 //! with n, and powers do not overflow whatever n is.
 
-use glam::DVec3;
+use glam::{DVec2, DVec3};
 
 use super::coat::Coat;
 use super::samples::Samples;
@@ -27,6 +27,8 @@ pub struct ModelLobe {
     pub n: f64,
     /// Base at which the shape is 1.
     pub reference: f64,
+    /// Exponent toward grazing, where the lobe sharpens (6.19); the length of C is then what the reference makes it.
+    pub n_grazing: Option<f64>,
 }
 
 /// A diffuse term and lobes.
@@ -36,9 +38,11 @@ pub struct Model {
     pub diffuse: f64,
     /// Direction of anisotropy β, radians, any.
     pub beta: f64,
+    /// x and y of the normal about which the lobes stand, where that is an unknown.
+    pub normal: Option<DVec2>,
     /// The lobes.
     pub lobes: Vec<ModelLobe>,
-    /// A microfacet term besides, for tables alone.
+    /// A microfacet term besides. In fits of texels only its α counts: the rest is an amplitude a channel.
     pub coat: Option<Coat>,
 }
 
@@ -78,7 +82,7 @@ impl ModelLobe {
 
     /// A lobe of amplitude 1 with the reference 1.
     pub fn unit(c: DVec3, n: f64) -> Self {
-        Self { amplitude: 1.0, c: c.normalize(), n, reference: 1.0 }
+        Self { amplitude: 1.0, c: c.normalize(), n, reference: 1.0, n_grazing: None }
     }
 
     /// The same shape with the largest base within a cone as its reference, or [`LEAST_REFERENCE`] where that is less.
@@ -86,18 +90,34 @@ impl ModelLobe {
         Self { reference: largest_base(self.c, cone).max(LEAST_REFERENCE), ..*self }
     }
 
-    /// (b / r)ⁿ for the products of a sample in the lobe's frame.
-    pub fn shape(&self, products: DVec3) -> f64 {
-        let base = self.c.dot(products) / self.reference;
-        if base <= 0.0 { 0.0 } else { (self.n * base.ln()).exp() }
+    /// The exponent where the mean of cosθ_i and cosθ_o is t (6.19).
+    pub fn exponent(&self, t: f64) -> f64 {
+        self.n_grazing.map_or(self.n, |grazing| self.n * t + grazing * (1.0 - t))
     }
 
-    /// The same lobe referred to the largest base within the cone of the samples.
+    /// (b / r)ⁿ for the products of a sample in the lobe's frame, at that mean t.
+    pub fn shape(&self, products: DVec3, t: f64) -> f64 {
+        let base = self.c.dot(products) / self.reference;
+        if base <= 0.0 { 0.0 } else { (self.exponent(t) * base.ln()).exp() }
+    }
+
+    /// Derivative of the reference's logarithm as C moves along a tangent.
+    pub fn reference_slope(&self, tangent: DVec3, cone: [f64; 2]) -> f64 {
+        let moved = |size: f64| {
+            Self { c: (self.c + tangent * size).normalize(), ..*self }.within(cone).reference.ln()
+        };
+        (moved(1e-5) - moved(-1e-5)) / 2e-5
+    }
+
+    /// The same lobe referred to the largest base within the cone of the samples; one that sharpens changes with its reference.
     pub fn referred(&self, samples: &Samples) -> Self {
         match Self::over(samples, self.c, self.n) {
             Some(lobe) => {
-                let factor = (self.n * (lobe.reference / self.reference).ln()).exp();
-                Self { amplitude: self.amplitude * factor, ..lobe }
+                let factor = match self.n_grazing {
+                    None => (self.n * (lobe.reference / self.reference).ln()).exp(),
+                    Some(_) => 1.0,
+                };
+                Self { amplitude: self.amplitude * factor, n_grazing: self.n_grazing, ..lobe }
             }
             None => Self { amplitude: 0.0, ..*self },
         }
@@ -105,7 +125,10 @@ impl ModelLobe {
 
     /// The lobe in the form of the map, with a given albedo a channel: ρ_s is the peak within the cone of the samples.
     pub fn to_lobe(&self, rho_s: Rgb) -> Lobe {
-        Lobe { rho_s, c: (self.c / self.reference).as_vec3(), n: self.n as f32 }
+        Lobe {
+            n_grazing: self.n_grazing.map(|grazing| grazing as f32),
+            ..Lobe::new(rho_s, (self.c / self.reference).as_vec3(), self.n as f32)
+        }
     }
 }
 
@@ -126,7 +149,8 @@ impl Model {
     pub fn value(&self, samples: &Samples, k: usize) -> f64 {
         let products = Turned::new(self.beta).products(samples, k);
         let coat = self.coat.map_or(0.0, |coat| coat.value(samples, k));
-        let lobes: f64 = self.lobes.iter().map(|lobe| lobe.amplitude * lobe.shape(products)).sum();
+        let t = samples.mean_cosine(k);
+        let lobes: f64 = self.lobes.iter().map(|lobe| lobe.amplitude * lobe.shape(products, t)).sum();
         self.diffuse + coat + lobes
     }
 
@@ -135,7 +159,8 @@ impl Model {
         let lobes = self.lobes.iter().zip(rho_s).map(|(lobe, &rho_s)| lobe.to_lobe(rho_s)).collect();
         let isotropic = self.lobes.iter().all(|lobe| lobe.c.x == lobe.c.y);
         let brdf = LobeBrdf { rho_d, beta: 0.0, lobes, ..LobeBrdf::default() };
-        if isotropic { brdf } else { brdf.rotated(self.beta as f32) }
+        let brdf = if isotropic { brdf } else { brdf.rotated(self.beta as f32) };
+        LobeBrdf { normal: self.normal.unwrap_or_default().as_vec2(), ..brdf }
     }
 }
 
@@ -144,7 +169,14 @@ impl From<&LobeBrdf> for Model {
     fn from(brdf: &LobeBrdf) -> Self {
         let lobe = |lobe: &Lobe| {
             let (c, amplitude) = (lobe.c.as_dvec3(), f64::from(lobe.rho_s.x));
-            ModelLobe { amplitude, c: c.normalize(), n: f64::from(lobe.n), reference: 1.0 / c.length() }
+            let n_grazing = lobe.n_grazing.map(f64::from);
+            ModelLobe {
+                amplitude,
+                c: c.normalize(),
+                n: f64::from(lobe.n),
+                reference: 1.0 / c.length(),
+                n_grazing,
+            }
         };
         let coat = brdf.microfacets.first().map(|coat| Coat {
             f0: f64::from(coat.f0.x),
@@ -152,7 +184,8 @@ impl From<&LobeBrdf> for Model {
             alpha: f64::from(coat.alpha),
         });
         let (diffuse, beta) = (f64::from(brdf.rho_d.x), f64::from(brdf.beta));
-        Self { diffuse, beta, lobes: brdf.lobes.iter().map(lobe).collect(), coat }
+        let normal = (brdf.normal != glam::Vec2::ZERO).then(|| brdf.normal.as_dvec2());
+        Self { diffuse, beta, normal, lobes: brdf.lobes.iter().map(lobe).collect(), coat }
     }
 }
 

@@ -14,6 +14,8 @@ pub struct Samples {
     pub yy: Vec<f64>,
     /// ω_ix ω_oy + ω_iy ω_ox, for a β other than 0.
     pub xy: Vec<f64>,
+    /// ω_ix ω_oz + ω_iz ω_ox and the same of y, for lobes about a normal of their own.
+    pub off_normal: [Vec<f64>; 2],
     /// ω_iz ω_oz.
     pub zz: Vec<f64>,
     /// cosθ_o.
@@ -44,6 +46,11 @@ impl Samples {
         self.lowest.unwrap_or([1.0; 2]).map(f64::acos)
     }
 
+    /// The mean of cosθ_i and cosθ_o of sample k, on which the exponent of a lobe that sharpens depends (6.19).
+    pub fn mean_cosine(&self, k: usize) -> f64 {
+        0.5 * (self.zz[k] / self.cos_o[k] + self.cos_o[k])
+    }
+
     /// Forgets all samples, keeps the memory.
     pub fn clear(&mut self) {
         for list in [
@@ -57,6 +64,7 @@ impl Samples {
         ] {
             list.clear();
         }
+        self.off_normal.iter_mut().for_each(Vec::clear);
         self.rgb.clear();
         self.lowest = None;
     }
@@ -66,6 +74,9 @@ impl Samples {
         self.yy.push(wi.y * wo.y);
         self.xy.push(wi.x * wo.y + wi.y * wo.x);
         self.zz.push(wi.z * wo.z);
+        let [xz, yz] = &mut self.off_normal;
+        xz.push(wi.x * wo.z + wi.z * wo.x);
+        yz.push(wi.y * wo.z + wi.z * wo.y);
         self.cos_o.push(wo.z);
         self.weight.push(weight);
         let lowest = self.lowest.unwrap_or([1.0; 2]);

@@ -308,7 +308,9 @@ impl Search {
         }
         let turned = Turned::new(model.beta);
         for lobe in &model.lobes {
-            plain.extend((0..count).map(|k| lobe.shape(turned.products(samples, k)) as f32));
+            plain.extend(
+                (0..count).map(|k| lobe.shape(turned.products(samples, k), samples.mean_cosine(k)) as f32),
+            );
         }
         self.columns.clear();
         self.columns.extend(plain.iter().zip(self.weights.iter().cycle()).map(|(x, w)| x * w));
@@ -443,7 +445,7 @@ impl Problem<'_> {
         let mut row = vec![1.0; size];
         for k in 0..self.samples.len() {
             for (place, lobe) in row[first..].iter_mut().zip(&model.lobes) {
-                *place = lobe.shape(turned.products(self.samples, k));
+                *place = lobe.shape(turned.products(self.samples, k), self.samples.mean_cosine(k));
             }
             let weight = self.target.linear_weight[k];
             let fixed = if self.freedom.diffuse { 0.0 } else { model.diffuse };

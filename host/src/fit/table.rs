@@ -29,13 +29,17 @@ const FREEDOM: Freedom = Freedom { isotropic: true, diffuse: true };
 pub struct Size {
     /// Lobes; black ones stay in the model.
     pub lobes: usize,
+    /// Whether the lobes sharpen toward grazing (6.19).
+    pub sharpening: bool,
     /// Whether there is a microfacet term.
     pub microfacet: bool,
 }
 
 impl std::fmt::Display for Size {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        write!(f, "{}{}", self.lobes, if self.microfacet { " + GGX" } else { "" })
+        let [sharpening, coat] = [(self.sharpening, " sharpening"), (self.microfacet, " + GGX")]
+            .map(|(is, text)| if is { text } else { "" });
+        write!(f, "{}{sharpening}{coat}", self.lobes)
     }
 }
 
@@ -178,6 +182,11 @@ fn check(table: &MeasuredTable, sizes: &[Size], options: &TableOptions) -> Resul
         if size.microfacet && options.method == Method::LineSearch {
             return Err(Error::input("the line search fits no microfacet term; use --method lm"));
         }
+        if size.sharpening && (options.method == Method::LineSearch || options.conserve_energy) {
+            return Err(Error::input(
+                "lobes that sharpen need --method lm and go without --conserve-energy, which knows lobes of one exponent",
+            ));
+        }
     }
     let near = |row: &crate::reflectance::table::TableRow, held: f64| {
         (row.theta_i.to_degrees() - held).abs() <= HOLD_OUT_WIDTH_DEG
@@ -203,7 +212,7 @@ fn one(
     options: &TableOptions,
     judged: bool,
 ) -> WavelengthFit {
-    let Size { lobes, microfacet } = size;
+    let Size { lobes, sharpening, microfacet } = size;
     let Split { training, held_out, theta_deg } = split(table, values, &options.hold_out_theta_deg);
     let mut target = Target::default();
     target.set(&training, training.value.iter().copied(), options.residual);
@@ -222,7 +231,8 @@ fn one(
         } else {
             search.best(&mut optimiser, &problem, lobes, Effort::TABLE)
         };
-        if options.random_starts > 0 && !microfacet {
+        let found = if sharpening { sharpened(found, &mut optimiser, &problem) } else { found };
+        if options.random_starts > 0 && !microfacet && !sharpening {
             let mut random = Random::new(options.seed);
             let limits = Effort::TABLE.limits;
             let best =
@@ -260,6 +270,17 @@ fn one(
     }
 }
 
+/// The fit with lobes that sharpen, from one with lobes that do not.
+fn sharpened(
+    (mut model, _): (Model, Outcome),
+    optimiser: &mut Optimiser,
+    problem: &Problem<'_>,
+) -> (Model, Outcome) {
+    model.lobes.iter_mut().for_each(|lobe| lobe.n_grazing = Some(lobe.n));
+    let outcome = problem.minimise(optimiser, Effort::TABLE.limits, &mut model);
+    (model, outcome)
+}
+
 /// The BRDF of three fits for red, green and blue: every term is seen in its own channel only.
 pub fn brdf(red_green_blue: [&WavelengthFit; 3]) -> LobeBrdf {
     let mut brdf = LobeBrdf::default();
@@ -282,9 +303,9 @@ pub fn coloured(model: &Model, colour: Rgb) -> LobeBrdf {
     });
     LobeBrdf {
         rho_d: model.diffuse as f32 * colour,
-        beta: 0.0,
         lobes: lobes.map(|lobe| lobe.to_lobe(lobe.amplitude as f32 * colour)).collect(),
         microfacets: coat.into_iter().collect(),
+        ..LobeBrdf::default()
     }
 }
 
@@ -296,6 +317,7 @@ pub fn figures(fits: &[WavelengthFit], options: &TableOptions) -> Vec<ErrorFigur
             figures.push(
                 ErrorFigure::new(name, value, "1", over)
                     .with("lobes", fit.size.lobes)
+                    .with("sharpening", fit.size.sharpening)
                     .with("microfacet", fit.size.microfacet)
                     .with("chosen", fit.chosen)
                     .with("wavelength_nm", fit.wavelength_nm)
@@ -340,13 +362,13 @@ mod tests {
         }
     }
 
-    const ZERO: Size = Size { lobes: 0, microfacet: false };
-    const ONE: Size = Size { lobes: 1, microfacet: false };
-    const TWO: Size = Size { lobes: 2, microfacet: false };
+    const ZERO: Size = Size { lobes: 0, sharpening: false, microfacet: false };
+    const ONE: Size = Size { lobes: 1, sharpening: false, microfacet: false };
+    const TWO: Size = Size { lobes: 2, sharpening: false, microfacet: false };
 
     /// A table of a known material with one lobe at incidences 10° … 70°.
     fn table() -> MeasuredTable {
-        let lobe = Lobe { rho_s: Rgb::splat(0.8), c: Vec3::new(-0.95, -0.95, 0.9), n: 30.0 };
+        let lobe = Lobe::new(Rgb::splat(0.8), Vec3::new(-0.95, -0.95, 0.9), 30.0);
         let truth = LobeBrdf { rho_d: Rgb::splat(0.05), beta: 0.0, lobes: vec![lobe], ..LobeBrdf::default() };
         let mut rows = Vec::new();
         for (i, o, p) in (1..8)
@@ -383,8 +405,9 @@ mod tests {
 
     #[test]
     fn the_data_choose_a_lobe_or_a_coat_over_it() {
-        let sizes =
-            [false, true].map(|microfacet| [0, 1, 2].map(|lobes| Size { lobes, microfacet })).concat();
+        let sizes = [false, true]
+            .map(|microfacet| [0, 1, 2].map(|lobes| Size { lobes, sharpening: false, microfacet }))
+            .concat();
         let chosen = |table: &MeasuredTable| {
             let fits = fit(table, &[400.0], &sizes, Take::Choose, &options()).unwrap();
             fits.into_iter().find(|fit| fit.chosen).unwrap()
@@ -396,7 +419,7 @@ mod tests {
             row.values[0] += f64::from(coat.eval(row.wi().as_vec3(), row.wo().as_vec3()).x);
         }
         let coated = chosen(&table);
-        assert_eq!(coated.size, Size { lobes: 1, microfacet: true }, "{coated:?}");
+        assert_eq!(coated.size, Size { lobes: 1, sharpening: false, microfacet: true }, "{coated:?}");
         let found = coated.model.coat.unwrap();
         assert!((found.alpha - 0.15).abs() < 1e-3 && (found.f0 - 0.04).abs() < 1e-3, "{found:?}");
         assert!((found.f90 - 1.0).abs() < 0.02 && coated.held_out.unwrap().log_rms < 1e-2);
@@ -434,7 +457,9 @@ mod tests {
             println!("skipped: {} is not there", path.display());
             return;
         }
-        let sizes = [false, true].map(|microfacet| [1, 2].map(|lobes| Size { lobes, microfacet })).concat();
+        let sizes = [false, true]
+            .map(|microfacet| [1, 2].map(|lobes| Size { lobes, sharpening: false, microfacet }))
+            .concat();
         let options = TableOptions {
             residual: Residual::Balanced,
             hold_out_theta_deg: vec![],
@@ -453,7 +478,7 @@ mod tests {
 
     #[test]
     fn a_table_that_makes_energy_is_held_and_says_what_that_costs() {
-        let lobe = Lobe { rho_s: Rgb::splat(3.0), c: Vec3::new(-1.1, -1.1, 0.9), n: 8.0 };
+        let lobe = Lobe::new(Rgb::splat(3.0), Vec3::new(-1.1, -1.1, 0.9), 8.0);
         let metal = LobeBrdf { lobes: vec![lobe], ..LobeBrdf::diffuse(Rgb::splat(0.2)) };
         let mut table = table();
         for row in &mut table.rows {
@@ -469,6 +494,25 @@ mod tests {
         assert!(
             figures(&[held], &options).iter().any(|figure| figure.name == "energy_free_training_log_rms")
         );
+    }
+
+    #[test]
+    fn lobes_that_sharpen_are_found_and_chosen() {
+        let lobe =
+            Lobe { n_grazing: Some(60.0), ..Lobe::new(Rgb::splat(0.8), Vec3::new(-0.95, -0.95, 1.0), 15.0) };
+        let truth = LobeBrdf { lobes: vec![lobe], ..LobeBrdf::diffuse(Rgb::splat(0.1)) };
+        let mut table = table();
+        for row in &mut table.rows {
+            let f = f64::from(truth.eval(row.wi().as_vec3(), row.wo().as_vec3()).x);
+            row.values = vec![f, f];
+        }
+        let sizes = [ONE, Size { sharpening: true, ..ONE }];
+        let fits = fit(&table, &[400.0], &sizes, Take::Choose, &options()).unwrap();
+        assert!(fits[1].chosen && fits[1].training.log_rms < 1e-3, "{fits:?}");
+        let found = fits[1].model.lobes[0];
+        assert!((found.n - 15.0).abs() < 0.1 && (found.n_grazing.unwrap() - 60.0).abs() < 0.5, "{found:?}");
+        let conserving = TableOptions { conserve_energy: true, ..options() };
+        assert_eq!(fit(&table, &[400.0], &sizes, Take::Choose, &conserving).unwrap_err().exit_code(), 2);
     }
 
     #[test]

@@ -75,7 +75,7 @@ fn an_anisotropic_texel_keeps_its_direction() {
     for seed in 0..8 {
         let mut random = Random::new(seed);
         let beta = random.uniform(-0.75, 0.75) as f32;
-        let lobe = Lobe { rho_s: Rgb::new(0.5, 0.4, 0.2), c: glam::Vec3::new(-1.0, -0.8, 0.95), n: 25.0 };
+        let lobe = Lobe::new(Rgb::new(0.5, 0.4, 0.2), glam::Vec3::new(-1.0, -0.8, 0.95), 25.0);
         let truth = LobeBrdf { rho_d: Rgb::splat(0.05), beta, lobes: vec![lobe], ..LobeBrdf::default() };
         workspace.samples = measured(&directions(250, seed + 50), &truth, 0.08, &mut random);
         let options = FitOptions { isotropic: false, ..Default::default() };
@@ -123,7 +123,7 @@ fn a_map_does_not_depend_on_the_number_of_threads() {
 /// Variances of n and of ρ_s over 144 texels of one material, over their Cramér–Rao bounds. The noise grows with the signal, 5 % of it and
 /// 1e-3 sr⁻¹.
 fn over_bound(method: Method, residual: Residual, weights: Weights) -> [f64; 2] {
-    let lobe = Lobe { rho_s: Rgb::splat(0.8), c: glam::Vec3::new(-1.0, -1.0, 0.97), n: 30.0 };
+    let lobe = Lobe::new(Rgb::splat(0.8), glam::Vec3::new(-1.0, -1.0, 0.97), 30.0);
     let truth = LobeBrdf { rho_d: Rgb::splat(0.02), lobes: vec![lobe], ..LobeBrdf::default() };
     let (noise, relative_noise) = (1e-3, 0.05);
     // Texels this small see the poses in the same directions.
@@ -173,7 +173,7 @@ fn bounds(
     let truth = unit(shape.x, shape.y);
     let peak = rho_s * (truth.reference * DVec2::new(shape.x, 2f64.sqrt()).length()).powf(shape.y);
     let at = |k: usize, z: f64, n: f64| {
-        unit(z, n).shape(glam::DVec3::new(samples.xx[k], samples.yy[k], samples.zz[k]))
+        unit(z, n).shape(glam::DVec3::new(samples.xx[k], samples.yy[k], samples.zz[k]), 0.0)
     };
     // ρ_d and ρ_s of three channels, z, n.
     const SIZE: usize = 8;
@@ -219,7 +219,7 @@ fn samples_that_weigh_by_their_noise_reach_the_cramer_rao_bound() {
 
 /// 6 × 4 texels of a lobe with a mirror under it, which two poses meet, and the map of `auto`.
 fn mirrored(met: usize) -> (LobeBrdf, SbrdfMap) {
-    let lobe = Lobe { rho_s: Rgb::splat(0.3), c: glam::Vec3::new(-1.0, -1.0, 0.98), n: 20.0 };
+    let lobe = Lobe::new(Rgb::splat(0.3), glam::Vec3::new(-1.0, -1.0, 0.98), 20.0);
     let plain = LobeBrdf { lobes: vec![lobe], ..LobeBrdf::diffuse(Rgb::new(0.2, 0.1, 0.05)) };
     let mut poses = crate::synth::poses(200, 5);
     for pose in &mut poses[..met] {
@@ -329,7 +329,7 @@ fn published_materials_with_noise_come_back_within_three_percent_unless_the_pose
 
 /// The error of one lobe's fit to 200 poses, by `method`; those with a base of the lobe below `least` are left out.
 fn error_of(method: Method, n: f32, least: f32, noise: f32) -> f64 {
-    let lobe = Lobe { rho_s: Rgb::new(0.6, 0.3, 0.1), c: glam::Vec3::new(-1.0, -1.0, 0.97), n };
+    let lobe = Lobe::new(Rgb::new(0.6, 0.3, 0.1), glam::Vec3::new(-1.0, -1.0, 0.97), n);
     let truth = LobeBrdf { rho_d: Rgb::new(0.1, 0.2, 0.3), lobes: vec![lobe], ..LobeBrdf::default() };
     let base = |wi: glam::Vec3, wo: glam::Vec3| (wi * wo).dot(lobe.c);
     let pairs: Vec<_> = directions(400, 3).into_iter().filter(|&(wi, wo)| base(wi, wo) > least).collect();

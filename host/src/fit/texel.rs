@@ -100,8 +100,9 @@ pub(super) fn hold(fit: &mut TexelFit, samples: &Samples, options: &FitOptions) 
 
 /// The lobes asked for, or as many as `count` samples can tell apart.
 pub(super) fn affordable_lobes(count: usize, options: &FitOptions) -> usize {
-    let per_lobe = if options.isotropic { 3 } else { 4 };
-    let unknowns = |lobes: usize| 1 + lobes * per_lobe + usize::from(!options.isotropic);
+    let [more, more_a_lobe] = options.extensions.unknowns();
+    let per_lobe = more_a_lobe + if options.isotropic { 3 } else { 4 };
+    let unknowns = |lobes: usize| 1 + lobes * per_lobe + usize::from(!options.isotropic) + more;
     (0..=options.lobes).rev().find(|&lobes| lobes == 0 || count > unknowns(lobes)).unwrap_or(0)
 }
 

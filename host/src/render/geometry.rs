@@ -334,7 +334,7 @@ mod tests {
             let (x, z) = (0.6 * (k % 40) as f32 / 40.0 - 0.3, 0.6 * (k / 40) as f32 / 25.0 - 0.3);
             let origin = Vec3::new(x, 1.2, z);
             let hit = geometry.nearest(origin, Vec3::NEG_Y).unwrap();
-            let surface = geometry.surface(&hit, origin, Vec3::NEG_Y);
+            let surface = geometry.surface(&hit, Vec3::NEG_Y);
             let to = centre + edges[0] * (x * 1.5) - surface.position;
             assert!(!geometry.occluded(&surface, to.normalize(), to.length()), "{x} {z}");
         }

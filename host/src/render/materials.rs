@@ -7,22 +7,24 @@ use glam::{Vec2, Vec3};
 
 use super::math;
 use crate::fit::mip;
-use crate::reflectance::{Lobe, LobeBrdf, Microfacet, Rgb, colour};
+use crate::reflectance::{Lobe, LobeBrdf, Microfacet, Rgb, colour, lobe::into_lobe_frame};
 use crate::scene::{Filter, Light, Reflectance, Scene};
 
 /// Lobes whose value would fall below 2^−40 of ρ_s are skipped.
 const NEGLIGIBLE_LOG2: f32 = -40.0;
 
-/// A lobe with C' = R(−β) C R(β) (4.4), which keeps its form: three numbers in the plane and one along the normal.
+/// A lobe with C' = R(−β) C R(β) (4.4) about its normal, a symmetric matrix.
 #[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
 #[repr(C)]
 pub(crate) struct PackedLobe {
-    /// C' xx, xy, yy and zz.
-    pub(crate) c: [f32; 4],
+    /// C' xx, xy, yy, zz, and xz and yz, which are 0 about the surface's own normal.
+    pub(crate) c: [f32; 6],
     /// ρ_s, sr⁻¹.
     pub(crate) rho_s: [f32; 3],
     /// Exponent.
     pub(crate) n: f32,
+    /// Exponent toward grazing (6.19): that of `n` for most.
+    pub(crate) n_grazing: f32,
 }
 
 /// A texel: its diffuse term and its run of lobes.
@@ -132,7 +134,7 @@ impl Materials {
         }
         let first = self.lobes.len() as u32;
         self.lobes
-            .extend(brdf.lobes.iter().filter(|lobe| lobe.rho_s != Rgb::ZERO).map(|l| pack(l, brdf.beta)));
+            .extend(brdf.lobes.iter().filter(|lobe| lobe.rho_s != Rgb::ZERO).map(|lobe| pack(lobe, brdf)));
         self.texels.push(PackedTexel {
             rho_d: brdf.rho_d.to_array(),
             first,
@@ -223,19 +225,15 @@ fn texel_coordinates(material: &PackedMaterial, uv: Vec2) -> (f32, f32) {
     (repeat(uv.x, material.tiling[0], material.width), repeat(uv.y, material.tiling[1], material.height))
 }
 
-/// Multiplies β into C.
-fn pack(lobe: &Lobe, beta: f32) -> PackedLobe {
-    let (sin, cos) = beta.sin_cos();
-    let (cx, cy) = (lobe.c.x, lobe.c.y);
+/// Multiplies β and the normal into C.
+fn pack(lobe: &Lobe, brdf: &LobeBrdf) -> PackedLobe {
+    let axes = [Vec3::X, Vec3::Y, Vec3::Z].map(|axis| into_lobe_frame(axis, brdf.normal, brdf.beta));
+    let entry = |i: usize, j: usize| (axes[i] * lobe.c).dot(axes[j]);
     PackedLobe {
-        c: [
-            cx * cos * cos + cy * sin * sin,
-            (cx - cy) * cos * sin,
-            cx * sin * sin + cy * cos * cos,
-            lobe.c.z,
-        ],
+        c: [entry(0, 0), entry(0, 1), entry(1, 1), entry(2, 2), entry(0, 2), entry(1, 2)],
         rho_s: lobe.rho_s.to_array(),
         n: lobe.n,
+        n_grazing: lobe.n_grazing.unwrap_or(lobe.n),
     }
 }
 
@@ -244,8 +242,10 @@ fn pack(lobe: &Lobe, beta: f32) -> PackedLobe {
 pub(crate) struct Aimed {
     /// C'ω_o: the base is its dot product with ω_i.
     pub(crate) peak: Vec3,
-    /// Exponent.
+    /// Exponent, of a lobe that sharpens that at its peak.
     pub(crate) n: f32,
+    /// Its exponent for light along the horizon, and by how much it is larger for light along the normal (6.19).
+    exponents: [f32; 2],
     /// ρ_s, sr⁻¹.
     pub(crate) rho_s: Rgb,
     /// The least base that is worth a power.
@@ -312,13 +312,22 @@ impl Shader {
         self.microfacets.clear();
         self.lobes.clear();
         for lobe in lobes {
-            let [xx, xy, yy, zz] = lobe.c;
-            let peak = Vec3::new(xx * wo.x + xy * wo.y, xy * wo.x + yy * wo.y, zz * wo.z);
-            let least = if lobe.n > 0.0 { math::exp2(NEGLIGIBLE_LOG2 / lobe.n) } else { 0.0 };
+            let [xx, xy, yy, zz, xz, yz] = lobe.c;
+            let peak = Vec3::new(
+                xx * wo.x + xy * wo.y + xz * wo.z,
+                xy * wo.x + yy * wo.y + yz * wo.z,
+                xz * wo.x + yz * wo.y + zz * wo.z,
+            );
+            let rise = 0.5 * (lobe.n - lobe.n_grazing);
+            let exponents = [lobe.n_grazing + rise * wo.z, rise];
+            let lowest = if rise == 0.0 { lobe.n } else { exponents[0] + rise.min(0.0) };
+            let least = if lowest > 0.0 { math::exp2(NEGLIGIBLE_LOG2 / lowest) } else { 0.0 };
             // The base is at most the peak's length.
             if peak.length_squared() > least * least {
                 let rho_s = Rgb::from_array(lobe.rho_s);
-                self.lobes.push(Aimed { peak, n: lobe.n, rho_s, least, share: 0.0, density: 0.0 });
+                let at_peak = exponents[0] + rise * (peak.z / peak.length()).max(0.0);
+                let n = if rise == 0.0 { lobe.n } else { at_peak };
+                self.lobes.push(Aimed { peak, n, exponents, rho_s, least, share: 0.0, density: 0.0 });
             }
         }
     }
@@ -373,8 +382,10 @@ impl Shader {
             let base = lobe.peak.dot(wi);
             if base > lobe.least {
                 let power = math::powf(base, lobe.n);
-                reflectance += lobe.rho_s * power;
                 density += lobe.density * power;
+                let [level, rise] = lobe.exponents;
+                let value = if rise == 0.0 { power } else { math::powf(base, level + rise * wi.z.max(0.0)) };
+                reflectance += lobe.rho_s * value;
             }
         }
         if wi.z > 0.0 {
@@ -424,7 +435,11 @@ mod tests {
             let mut brdf = materials::published(name).unwrap();
             brdf.microfacets = vec![Microfacet { f0: Rgb::splat(0.04), f90: Rgb::ONE, alpha: 0.3 }];
             brdf.lobes.iter_mut().for_each(|lobe| lobe.c.x *= 0.9);
-            let brdf = brdf.rotated(0.4);
+            let mut brdf = brdf.rotated(0.4);
+            if name == "clay" {
+                brdf.normal = Vec2::new(-0.1, 0.15);
+                brdf.lobes[0].n_grazing = Some(2.0 * brdf.lobes[0].n);
+            }
             scene.objects[0].material = Material::uniform(brdf.clone());
             let packed = Materials::new(&scene);
             for wo in directions() {

@@ -134,6 +134,18 @@ impl Method {
     }
 }
 
+/// Refuses a scene whose lobes sharpen toward grazing or stand about normals of their own for a method that draws neither.
+fn plain_lobes_only(scene: &Scene, method: &str) -> Result<()> {
+    let extended =
+        |(place, object): (usize, &crate::scene::Object)| Some((place, object.material.extension()?));
+    match scene.objects.iter().enumerate().find_map(extended) {
+        Some((object, what)) => Err(crate::error::Error::input(format!(
+            "object {object}: its material has {what}, which `{method}` does not draw; use --method reference"
+        ))),
+        None => Ok(()),
+    }
+}
+
 /// A scene made ready, the method that did, and why another was passed over.
 pub struct Chosen<'a> {
     /// Ready to render views.
@@ -172,10 +184,38 @@ pub fn prepare<'a>(scene: &'a Scene, method: Method, settings: &Settings) -> Res
         Method::Auto if scene.environment.is_some() => {
             reference(Some("the scene has an environment, which `lights` does not render".into()))
         }
+        Method::Auto if plain_lobes_only(scene, "lights").is_err() => reference(Some(
+            "the scene has lobes with normals of their own or that sharpen, which `lights` does not render"
+                .into(),
+        )),
         Method::Auto => match lights() {
             Ok(prepared) => Ok(Chosen { prepared, method: Method::Lights, note: None }),
             Err(error) if error.kind() == Kind::Input => Err(error),
             Err(error) => reference(Some(error.to_string())),
         },
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::reflectance::LobeBrdf;
+    use crate::scene::{Material, showcase};
+
+    #[test]
+    fn normals_and_sharpening_are_refused_by_the_raster_and_auto_takes_the_reference() {
+        let mut scene = showcase::published(8, 8);
+        scene.environment = None;
+        let plain = crate::reflectance::materials::published("clay").unwrap();
+        let tilted = LobeBrdf { normal: glam::Vec2::new(0.1, 0.0), ..plain.clone() };
+        let mut sharpening = plain;
+        sharpening.lobes[0].n_grazing = Some(90.0);
+        let settings = Settings::default();
+        for (brdf, word) in [(tilted, "normal"), (sharpening, "sharpen")] {
+            scene.objects[0].material = Material::uniform(brdf);
+            let error = prepare(&scene, Method::Lights, &settings).map(|_| ()).unwrap_err();
+            assert!(error.to_string().contains(word) && error.exit_code() == 2, "{error}");
+            assert_eq!(prepare(&scene, Method::Auto, &settings).unwrap().method, Method::Reference);
+        }
     }
 }

@@ -130,12 +130,8 @@ impl Storage {
         }
         let through = |kind| move |value| self.value(kind, self.code(kind, value, brightest), brightest);
         let lobe = |lobe: &Lobe| {
-            let Lobe { rho_s, c, n } = if self.is_scaled() { scaled(lobe) } else { *lobe };
-            Lobe {
-                rho_s: rho_s.map(through(Kind::Albedo)),
-                c: c.map(through(Kind::C)),
-                n: through(Kind::Exponent)(n),
-            }
+            let Lobe { rho_s, c, n, .. } = if self.is_scaled() { scaled(lobe) } else { *lobe };
+            Lobe::new(rho_s.map(through(Kind::Albedo)), c.map(through(Kind::C)), through(Kind::Exponent)(n))
         };
         let coat = |coat: &Microfacet| Microfacet {
             f0: coat.f0.map(through(Kind::Albedo)),
@@ -147,6 +143,7 @@ impl Storage {
             beta: 2.0 * through(Kind::Beta)(half_tangent(brdf.beta)).atan(),
             lobes: brdf.lobes.iter().map(lobe).collect(),
             microfacets: brdf.microfacets.iter().map(coat).collect(),
+            normal: brdf.normal,
         }
     }
 
@@ -215,7 +212,7 @@ fn scaled(lobe: &Lobe) -> Lobe {
         return *lobe;
     }
     let factor = f64::from(largest).powf(f64::from(lobe.n)) as f32;
-    Lobe { rho_s: lobe.rho_s * factor, c: lobe.c / largest, n: lobe.n }
+    Lobe::new(lobe.rho_s * factor, lobe.c / largest, lobe.n)
 }
 
 /// The largest albedo factor of a BRDF after scaling C.
@@ -236,7 +233,7 @@ mod tests {
     use glam::Vec3;
 
     fn lobe(cx: f32, cz: f32, n: f32) -> LobeBrdf {
-        let lobe = Lobe { rho_s: Rgb::splat(0.3), c: Vec3::new(cx, cx, cz), n };
+        let lobe = Lobe::new(Rgb::splat(0.3), Vec3::new(cx, cx, cz), n);
         LobeBrdf { rho_d: Rgb::splat(0.1), beta: 0.0, lobes: vec![lobe], ..LobeBrdf::default() }
     }
 

@@ -304,8 +304,7 @@ fn material(entry: &MaterialFile, folder: &Path) -> Result<Material> {
     } else {
         let mut brdf = LobeBrdf::diffuse(entry.albedo.unwrap_or(Rgb::ZERO));
         brdf.rho_d = entry.rho_d.unwrap_or(brdf.rho_d);
-        brdf.lobes =
-            entry.lobes.iter().map(|lobe| Lobe { rho_s: lobe.rho_s, c: lobe.c, n: lobe.n }).collect();
+        brdf.lobes = entry.lobes.iter().map(|lobe| Lobe::new(lobe.rho_s, lobe.c, lobe.n)).collect();
         Reflectance::Uniform(brdf)
     };
     let reflectance = match reflectance {

@@ -36,6 +36,9 @@ pub(super) fn fit(args: &FitArgs, input: &Path, seed: u64) -> Result<FitOutcome>
             "--diffuse-percentile and --separate-channels are for sampled SBRDFs (.zarr)",
         ));
     }
+    if args.normals {
+        return Err(Error::input("--normals is for sampled SBRDFs (.zarr): tables are isotropic"));
+    }
     let method = match args.method {
         MethodName::LineSearch => Method::LineSearch,
         MethodName::Auto | MethodName::Lm => Method::Lm,
@@ -110,7 +113,7 @@ fn write_description(
         fits.len()
     )?;
     let held_out = !options.hold_out_theta_deg.is_empty();
-    write!(text, "\n{:>8}  {:<9} {:>12} {:>11}", "nm", "lobes", "train log", "relative")?;
+    write!(text, "\n{:>8}  {:<20} {:>12} {:>11}", "nm", "lobes", "train log", "relative")?;
     if held_out {
         write!(text, "  {:>12} {:>11}", "held-out log", "relative")?;
     }
@@ -120,7 +123,7 @@ fn write_description(
         let errors = &fit.training;
         write!(
             text,
-            "{:>8}  {:<9} {:>12.3} {:>11.3}",
+            "{:>8}  {:<20} {:>12.3} {:>11.3}",
             fit.wavelength_nm,
             format!("{}{}", fit.size, if fit.chosen { " *" } else { "" }),
             errors.log_rms,
@@ -151,11 +154,12 @@ fn write_description(
         for (index, lobe) in model.lobes.iter().enumerate().filter(|(_, lobe)| lobe.amplitude > 0.0) {
             let c = lobe.c / lobe.reference;
             let retro = if c.x > 0.0 && c.z > 0.0 { " retro" } else { "" };
+            let grazing = lobe.n_grazing.map_or(String::new(), |grazing| format!(" to {grazing:.1}"));
             let off = |place: usize, digits| give_or_take(of.map(|of| of.lobes[index][place]), digits);
             let (rho_s, x, z, n) = (off(0, 4), off(1, 4), off(2, 4), off(3, 1));
             write!(
                 text,
-                "  {:.4}{rho_s} ({:.4}{x}, {:.4}{z}) {:.1}{n}{retro}",
+                "  {:.4}{rho_s} ({:.4}{x}, {:.4}{z}) {:.1}{n}{grazing}{retro}",
                 lobe.amplitude, c.x, c.z, lobe.n
             )?;
         }
@@ -205,23 +209,28 @@ fn coefficients(fits: &[WavelengthFit]) -> serde_json::Value {
 
 /// The sizes to compare and which to take.
 fn sizes(args: &FitArgs, method: Method) -> (Vec<Size>, Take) {
-    let alone = |lobes: usize| Size { lobes, microfacet: false };
-    let with = |lobes: usize| Size { lobes, microfacet: true };
+    let alone = |lobes: usize| Size { lobes, sharpening: false, microfacet: false };
+    let with = |lobes: usize| Size { lobes, sharpening: false, microfacet: true };
     let most = if method == Method::LineSearch { 1 } else { AUTO_LOBES };
     match args.lobes {
         Lobes::Auto(limit) if method == Method::Lm => {
             let mut sizes = Vec::new();
-            if args.model != ModelName::Ggx {
+            if args.model != Some(ModelName::Ggx) {
                 sizes.extend((0..=limit).map(alone));
             }
-            if args.model != ModelName::Lobes {
+            if args.model != Some(ModelName::Lobes) {
                 sizes.extend((0..=limit.min(MOST_BESIDE)).map(with));
+            }
+            if args.sharpening {
+                let sharpening = |size: &Size| (size.lobes > 0).then_some(Size { sharpening: true, ..*size });
+                sizes.extend(sizes.iter().filter_map(sharpening).collect::<Vec<_>>());
             }
             (sizes, Take::Choose)
         }
         _ => {
             let wanted = args.lobes();
-            let size = if args.model == ModelName::Ggx { with } else { alone };
+            let size = if args.model == Some(ModelName::Ggx) { with } else { alone };
+            let size = |lobes: usize| Size { sharpening: args.sharpening && lobes > 0, ..size(lobes) };
             ((0..=most.max(wanted)).map(size).collect(), Take::Size(size(wanted)))
         }
     }

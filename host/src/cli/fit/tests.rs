@@ -107,8 +107,15 @@ fn wrong_inputs_end_with_a_sentence_and_exit_code_2() {
         refused(&table_text(), &["--model", "ggx", "--method", "line-search", "--lobes", "1"])
             .contains("no microfacet term")
     );
-    let texels = fit_input(&parsed(&["a.zarr", "-o", "a.exr", "--model", "ggx"]), 1).unwrap_err();
-    assert!(texels.exit_code() == 2 && texels.to_string().contains("measured tables"));
+    assert!(refused(&table_text(), &["--normals"]).contains("tables are isotropic"));
+    assert!(refused(&table_text(), &["--sharpening", "--conserve-energy"]).contains("--conserve-energy"));
+    for (with, says) in
+        [("--method=lm", "separable"), ("--conserve-energy", "--conserve-energy"), ("--device=gpu", "CPU")]
+    {
+        let arguments = ["a.zarr", "-o", "a.exr", "--normals", "--residual=linear", with];
+        let texels = fit_input(&parsed(&arguments), 1).unwrap_err();
+        assert!(texels.exit_code() == 2 && texels.to_string().contains(says), "{texels}");
+    }
     let unknown = fit_input(&parsed(&["paint.csv"]), 1).unwrap_err();
     assert!(unknown.exit_code() == 2 && unknown.to_string().contains("paint.csv"));
     let no_output = fit_input(&parsed(&["a.zarr"]), 1).unwrap_err();
@@ -144,6 +151,47 @@ fn brushed_metal_is_held_to_what_arrives_and_the_price_is_reported() {
     let price = outcome.errors.iter().find(|error| error.name == "energy_price_median").unwrap();
     assert!(price.value > 0.0 && price.value < 0.5, "{price:?}");
     assert!(outcome.figures["texels_held"].as_u64().unwrap() >= 1);
+}
+
+#[test]
+fn texels_get_the_normals_the_sharpening_and_the_microfacet_terms_that_they_have() {
+    let folder = tempfile::tempdir().unwrap();
+    let (input, output) = (folder.path().join("s.zarr"), folder.path().join("m.exr"));
+    let recipe: crate::acquire::recipe::Recipe =
+        crate::toml_file::parse(include_str!("../../../../examples/beyond.toml"), "beyond.toml").unwrap();
+    let materials = recipe.build_materials(Path::new(".")).unwrap();
+    let options = crate::synth::Options {
+        width: 4,
+        height: 1,
+        texel_mm: 0.5,
+        poses: 300,
+        noise: 1e-3,
+        relative_noise: 0.0,
+        seed: 3,
+    };
+    let eval = |k: usize, wi, wo| crate::reflectance::Brdf::eval(&materials[k], wi, wo);
+    crate::synth::sample(&options, |k, _, wi, wo| eval(k, wi, wo)).write_zarr(&input).unwrap();
+    let files = [input.to_str().unwrap(), "-o", output.to_str().unwrap()];
+    let beyond = ["--normals", "--sharpening", "--model", "auto"];
+    fit_input(&parsed(&[&files[..], &beyond[..]].concat()), 1).unwrap();
+    let map = SbrdfMap::read_exr(&output).unwrap();
+    let tilts = [[0.1, 0.05], [-0.1, 0.05], [0.0; 2], [0.0; 2]].map(glam::Vec2::from_array);
+    assert!(
+        map.normal.iter().zip(tilts).all(|(found, truth)| (*found - truth).length() < 5e-3),
+        "{:?}",
+        map.normal
+    );
+    let found: Vec<_> = (0..4).map(|k| map.texel(k)).collect();
+    assert!((found[2].lobes[0].n_grazing.unwrap() - 60.0).abs() < 6.0, "{:?}", found[2]);
+    assert!((found[3].microfacets[0].alpha - 0.2).abs() < 5e-3 && found[0].microfacets.is_empty());
+    for name in ["sigma.normal.x", "sigma.ggx0.alpha", "sigma.lobe0.n_grazing"] {
+        assert!(map.extra[name].iter().any(|&sigma| sigma > 0.0), "{name}");
+    }
+    // Plain lobes have none of these channels.
+    fit_input(&parsed(&files), 1).unwrap();
+    let map = SbrdfMap::read_exr(&output).unwrap();
+    assert!(map.normal.is_empty() && map.microfacets.is_empty() && map.extension().is_none());
+    assert!(map.extra.keys().all(|name| !name.contains("normal") && !name.contains("ggx")));
 }
 
 #[test]

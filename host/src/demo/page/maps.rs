@@ -125,7 +125,7 @@ mod tests {
 
     #[test]
     fn lobes_are_sorted_by_sharpness_in_every_texel() {
-        let lobe = |n: f32| Lobe { rho_s: Rgb::ONE, c: Vec3::new(-1.0, -1.0, 1.0), n };
+        let lobe = |n: f32| Lobe::new(Rgb::ONE, Vec3::new(-1.0, -1.0, 1.0), n);
         let texel = |lobes: Vec<Lobe>| LobeBrdf { lobes, ..LobeBrdf::default() };
         let texels =
             [texel(vec![lobe(5.0), lobe(40.0)]), texel(vec![lobe(9.0), lobe(3.0)]), texel(vec![lobe(2.0)])];

@@ -56,6 +56,7 @@ pub fn name() -> Result<String> {
 pub fn faster(store: &SampledStore, options: &FitOptions) -> Result<Device> {
     let large = store.width * store.height >= LEAST_TEXELS;
     let worthwhile = large && options.method == Method::Separable && options.lobes > 0 && !options.robust;
+    let worthwhile = worthwhile && options.extensions.is_none();
     let hardware = worthwhile && shared().is_ok_and(|kernels| !kernels.gpu.is_software());
     if !hardware {
         return Ok(Device::Cpu);

@@ -45,15 +45,13 @@ pub fn left_out(solver: &Solver, task: Task, model: &Model, at: &Amplitudes) -> 
             for (channel, response) in responses.iter().enumerate() {
                 let x = &at.x[channel];
                 residual[channel] = columns.column(1 + channel)[k];
-                for (unknown, &x) in x.iter().enumerate().take(layout.lobes + 1).filter(|&(_, &x)| x != 0.0) {
+                for (unknown, &x) in x.iter().enumerate().take(layout.terms() + 1).filter(|&(_, &x)| x != 0.0)
+                {
                     residual[channel] -= x * columns.column(layout.column(unknown))[k];
                 }
-                for lobe in (0..layout.lobes).filter(|&lobe| x[1 + lobe] != 0.0) {
-                    for column in 0..layout.family.derivatives() {
-                        let by = columns.column(layout.derivative(lobe, column))[k];
-                        slopes[channel][layout.family.unknown(lobe, column, layout.lobes)] +=
-                            x[1 + lobe] * by;
-                    }
+                for (term, column) in layout.each_derivative().filter(|&(term, _)| x[1 + term] != 0.0) {
+                    let by = columns.column(layout.derivative(term, column))[k];
+                    slopes[channel][layout.unknown(term, column)] += x[1 + term] * by;
                 }
                 let Some(response) = response else { continue };
                 let count = response.members.len();
@@ -77,7 +75,7 @@ pub fn left_out(solver: &Solver, task: Task, model: &Model, at: &Amplitudes) -> 
                 let of_b = covariance.times(&slopes[b]);
                 for (a, slopes) in slopes.iter().enumerate().take(layout.channels) {
                     let product = slopes.iter().zip(&of_b).map(|(slope, of_b)| slope * of_b);
-                    hat.col_mut(b)[a] += product.take(layout.family.size(layout.lobes)).sum::<f64>();
+                    hat.col_mut(b)[a] += product.take(layout.size()).sum::<f64>();
                 }
             }
             let rest = DMat3::IDENTITY - hat;

@@ -2,18 +2,24 @@
 //! Gram matrix, from which everything that the solver does follows.
 
 use super::data::Data;
+use super::extended;
 use super::math::{self, LANES};
+use super::normal::Layout;
 
 /// Most lobes.
 pub const MOST_LOBES: usize = super::super::MOST_LOBES;
 /// Channels at most.
 pub const CHANNELS: usize = 3;
-/// Columns of a lobe at most: shape, derivative by ln n, three tangents.
-pub const PER_LOBE: usize = 5;
+/// Columns of a lobe at most: shape, derivative by ln n, three tangents; two of its normal and one by the exponent toward grazing.
+pub const PER_LOBE: usize = 8;
+/// Terms with an amplitude at most: the lobes, and two of a microfacet term.
+pub const MOST_TERMS: usize = MOST_LOBES + 2;
+/// Columns of a microfacet term.
+pub const PER_COAT: usize = 4;
 /// The columns that every model has: 1 and the channels' goals.
 pub const COMMON: usize = 1 + CHANNELS;
 /// Columns at most.
-pub const WIDTH: usize = COMMON + MOST_LOBES * PER_LOBE;
+pub const WIDTH: usize = COMMON + MOST_LOBES * PER_LOBE + PER_COAT;
 
 /// A lobe's base as a linear form in the products, and its derivatives by the shape's unknowns.
 #[derive(Debug, Clone, Copy)]
@@ -27,7 +33,7 @@ pub struct Form<const P: usize, const T: usize> {
 }
 
 /// exp of less than this is nothing beside any measured value.
-const NEGLIGIBLE: f64 = -40.0;
+pub(super) const NEGLIGIBLE: f64 = -40.0;
 
 /// Writes a lobe's columns: shape, derivative by ln n, derivatives along the tangents. `slope` is scratch of the same length.
 ///
@@ -75,7 +81,7 @@ fn lobe<const P: usize, const T: usize>(
 
 /// A linear form in the products at every sample.
 #[inline(always)]
-fn linear_form<const P: usize>(coefficients: &[f64; P], products: [&[f64]; P], out: &mut [f64]) {
+pub(super) fn linear_form<const P: usize>(coefficients: &[f64; P], products: [&[f64]; P], out: &mut [f64]) {
     for (out, product) in out.iter_mut().zip(products[0]) {
         *out = coefficients[0] * product;
     }
@@ -87,7 +93,7 @@ fn linear_form<const P: usize>(coefficients: &[f64; P], products: [&[f64]; P], o
 }
 
 /// The columns of a model and their Gram matrix.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Default)]
 pub struct Columns {
     /// [column][sample]: root of the weight, goals, lobe by lobe.
     values: Vec<f64>,
@@ -95,16 +101,6 @@ pub struct Columns {
     slope: Vec<f64>,
     /// Samples.
     count: usize,
-    /// Columns of a lobe: 2 and the tangents.
-    pub per_lobe: usize,
-    /// Lobes.
-    pub lobes: usize,
-}
-
-impl Default for Columns {
-    fn default() -> Self {
-        Self { values: Vec::new(), slope: Vec::new(), count: 0, per_lobe: PER_LOBE, lobes: 0 }
-    }
 }
 
 /// Products of columns, row by row with [`WIDTH`] places a row; both halves are filled.
@@ -130,11 +126,6 @@ impl Columns {
         self.products(0, COMMON, gram);
     }
 
-    /// The place of a lobe's first column.
-    pub fn place(&self, lobe: usize) -> usize {
-        COMMON + lobe * self.per_lobe
-    }
-
     /// A column.
     pub fn column(&self, index: usize) -> &[f64] {
         &self.values[index * self.count..(index + 1) * self.count]
@@ -148,13 +139,39 @@ impl Columns {
         products: [&[f64]; P],
         gram: &mut Gram,
     ) {
-        (self.per_lobe, self.lobes) = (2 + T, forms.len());
         let count = self.count;
         let (common, rest) = self.values.split_at_mut(COMMON * count);
         for (form, columns) in forms.iter().zip(rest.chunks_exact_mut(((2 + T) * count).max(1))) {
             lobe(form, products, &common[..count], &mut self.slope, columns);
         }
         self.products(COMMON, COMMON + (2 + T) * forms.len(), gram);
+    }
+
+    /// As [`Self::fill`] for an extended model: its lobes, then its microfacet term by its α.
+    #[inline(always)]
+    pub fn fill_extended(
+        &mut self,
+        forms: &[extended::Form],
+        coat: Option<f64>,
+        data: &Data,
+        layout: Layout,
+        gram: &mut Gram,
+    ) {
+        let (count, products) = (self.count, &data.products);
+        let [xz, yz] = &products.off_normal;
+        let all: [&[f64]; 6] = [&products.xx, &products.yy, &products.zz, &products.xy, xz, yz];
+        let cosines = products.cos.each_ref().map(|list| &list[..]);
+        let (common, rest) = self.values.split_at_mut(COMMON * count);
+        let root = &common[..count];
+        let span = (1 + layout.derivatives(0)) * count;
+        let (lobes, coats) = rest.split_at_mut(if forms.is_empty() { 0 } else { forms.len() * span });
+        for (form, columns) in forms.iter().zip(lobes.chunks_exact_mut(span.max(1))) {
+            extended::fill_lobe(form, all, cosines, root, &mut self.slope, columns);
+        }
+        if let Some(alpha) = coat {
+            extended::fill_coat(alpha, [&products.plane, &products.zz], cosines, root, coats);
+        }
+        self.products(COMMON, layout.columns(), gram);
     }
 
     /// The products of columns `from..to` with all up to them.

@@ -17,6 +17,8 @@ pub struct Poses {
     light: [Vec<f64>; 3],
     camera: [Vec<f64>; 3],
     weight: Vec<f64>,
+    /// Whether products with one component along the normal are made.
+    off_normal: bool,
 }
 
 impl Poses {
@@ -34,7 +36,13 @@ impl Poses {
             light: std::array::from_fn(|i| list(&|pose| pose.light_mm[i], filling[i])),
             camera: std::array::from_fn(|i| list(&|pose| pose.camera_mm[i], filling[i])),
             weight: list(&|pose| pose.weight, 0.0),
+            off_normal: false,
         }
+    }
+
+    /// The same for lobes about normals of their own.
+    pub fn off_normal(self, off_normal: bool) -> Self {
+        Self { off_normal, ..self }
     }
 
     /// Number of places in the arrays.
@@ -61,6 +69,8 @@ pub struct Products {
     pub zz: Vec<f64>,
     /// ω_ix ω_oy + ω_iy ω_ox.
     pub xy: Vec<f64>,
+    /// ω_ix ω_oz + ω_iz ω_ox and the same of y; 0 unless asked for.
+    pub off_normal: [Vec<f64>; 2],
     /// cosθ_i and cosθ_o.
     pub cos: [Vec<f64>; 2],
 }
@@ -105,13 +115,15 @@ impl Data {
 
     fn resize(&mut self, count: usize) {
         let products = &mut self.products;
-        let [cos_i, cos_o] = &mut products.cos;
         for list in
             [&mut products.plane, &mut products.xx, &mut products.yy, &mut products.zz, &mut products.xy]
         {
             list.resize(count, 0.0);
         }
-        for list in [cos_i, cos_o, &mut self.weight, &mut self.root] {
+        for list in products.cos.iter_mut().chain(&mut products.off_normal) {
+            list.resize(count, 0.0);
+        }
+        for list in [&mut self.weight, &mut self.root] {
             list.resize(count, 0.0);
         }
         for list in self.rgb.iter_mut().chain(&mut self.goal) {
@@ -182,6 +194,11 @@ impl Data {
         copy(&mut products.zz, &samples.zz);
         copy(&mut products.xy, &samples.xy);
         copy(&mut products.cos[1], &samples.cos_o);
+        let cos_i: Vec<f64> = samples.zz.iter().zip(&samples.cos_o).map(|(zz, cos_o)| zz / cos_o).collect();
+        copy(&mut products.cos[0], &cos_i);
+        for (to, from) in products.off_normal.iter_mut().zip(&samples.off_normal) {
+            copy(to, from);
+        }
         copy(&mut self.weight, &samples.weight);
         for k in 0..count {
             products.plane[k] = products.xx[k] + products.yy[k];
@@ -346,6 +363,16 @@ impl Products {
             plane[k] = xx[k] + yy[k];
             cos_i[k] = iz * far_o * scale;
             cos_o[k] = oz * far_i * scale;
+        }
+        if poses.off_normal {
+            let [xz, yz] = &mut self.off_normal;
+            let (xz, yz) = (&mut xz[..count], &mut yz[..count]);
+            for k in 0..count {
+                let light = (DVec3::new(lx[k], ly[k], lz[k]) - place).normalize();
+                let camera = (DVec3::new(cx[k], cy[k], cz[k]) - place).normalize();
+                xz[k] = light.x * camera.z + light.z * camera.x;
+                yz[k] = light.y * camera.z + light.z * camera.y;
+            }
         }
     }
 }

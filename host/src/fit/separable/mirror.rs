@@ -128,7 +128,7 @@ mod tests {
 
     #[test]
     fn a_mirror_is_found_with_the_poses_that_met_it_and_its_reflectance() {
-        let lobe = Lobe { rho_s: Rgb::splat(0.3), c: Vec3::new(-1.0, -1.0, 0.98), n: 20.0 };
+        let lobe = Lobe::new(Rgb::splat(0.3), Vec3::new(-1.0, -1.0, 0.98), 20.0);
         let plain = LobeBrdf { lobes: vec![lobe], ..LobeBrdf::diffuse(Rgb::new(0.2, 0.1, 0.05)) };
         for met in 0..=3 {
             for seed in 0..10 {
@@ -164,11 +164,11 @@ mod tests {
             }
             // Lobes that keep 30 % of the light, whatever n.
             for n in [50.0, 200.0, 500.0] {
-                let lobe = Lobe {
-                    rho_s: Rgb::splat(0.3 * (n + 2.0) / std::f32::consts::TAU),
-                    c: Vec3::new(-1.0, -1.0, 1.0),
+                let lobe = Lobe::new(
+                    Rgb::splat(0.3 * (n + 2.0) / std::f32::consts::TAU),
+                    Vec3::new(-1.0, -1.0, 1.0),
                     n,
-                };
+                );
                 check("lobe", poses, &LobeBrdf { lobes: vec![lobe], ..LobeBrdf::diffuse(Rgb::splat(0.05)) });
             }
         }

@@ -6,12 +6,16 @@
 //! darker or brighter the channel is on the whole.
 //!
 //! From the outside in: [`texel`] fits one texel, [`start`] finds where to begin, with a [`bank`] of shapes, [`solver`] optimises, [`normal`] does the small linear
-//! algebra on the products of the [`columns`] that [`shape`] defines over the [`data`], with [`math`] that vectorises; [`robust`] weighs outliers less; [`uncertainty`] says how sure the result is, [`choice`] how many lobes it takes, [`mirror`] finds peaks that no lobe should be fitted to, [`prior`] decides what the poses do not tell.
+//! algebra on the products of the [`columns`] that [`shape`] defines over the [`data`], with [`math`] that vectorises; [`extended`] has what a model may have beyond plain lobes, and [`extend`] says when; [`robust`] weighs outliers less; [`uncertainty`] says how sure the result is, [`choice`] how many lobes it takes, [`mirror`] finds peaks that no lobe should be fitted to, [`prior`] decides what the poses do not tell.
 
 pub mod bank;
 pub mod choice;
 pub mod columns;
 pub mod data;
+pub mod extend;
+pub mod extended;
+#[cfg(test)]
+mod extended_tests;
 pub mod math;
 pub mod mirror;
 pub mod normal;

@@ -2,11 +2,15 @@
 //! amplitudes projected out (Kaufman's approximation of the Jacobian of variable projection).
 
 use super::super::linear;
-use super::columns::{CHANNELS, COMMON, Gram, MOST_LOBES, WIDTH};
+use super::super::model::Model;
+use super::columns::{CHANNELS, COMMON, Gram, MOST_LOBES, MOST_TERMS, PER_LOBE, WIDTH};
+use super::extended::Extension;
 use super::shape::{Family, UNKNOWNS};
 
-/// Linear unknowns of a channel: ρ_d and the amplitudes.
-pub const LINEAR: usize = 1 + MOST_LOBES;
+/// Linear unknowns of a channel: ρ_d and the amplitudes of the lobes, then f0 and f90.
+pub const LINEAR: usize = 1 + MOST_TERMS;
+/// Derivative columns at most.
+const DERIVATIVES: usize = MOST_LOBES * (PER_LOBE - 1) + 2;
 
 /// Which columns are what.
 #[derive(Debug, Clone, Copy)]
@@ -19,20 +23,80 @@ pub struct Layout {
     pub channels: usize,
     /// Whether ρ_d is an unknown.
     pub diffuse: bool,
+    /// What there is beyond plain lobes.
+    pub extension: Extension,
 }
 
 impl Layout {
-    /// The column of linear unknown `unknown`: 0 is ρ_d, then the lobes.
-    pub fn column(&self, unknown: usize) -> usize {
-        match unknown {
-            0 => 0,
-            lobe => COMMON + (lobe - 1) * (1 + self.family.derivatives()),
+    /// That of a model, for one channel with ρ_d as an unknown.
+    pub fn of(family: Family, model: &Model) -> Self {
+        let extension = Extension::of(model);
+        Self { family, lobes: model.lobes.len(), channels: 1, diffuse: true, extension }
+    }
+
+    /// Terms that have an amplitude: the lobes, and f0 and f90 of a microfacet term.
+    pub fn terms(&self) -> usize {
+        self.lobes + if self.extension.coat { 2 } else { 0 }
+    }
+
+    /// Derivative columns of a term: of a lobe the family's, then those of its normal and by its exponent toward grazing.
+    pub fn derivatives(&self, term: usize) -> usize {
+        let Extension { normals, sharpening, .. } = self.extension;
+        let of_lobe = self.family.derivatives() + if normals { 2 } else { 0 } + usize::from(sharpening);
+        if term < self.lobes { of_lobe } else { 1 }
+    }
+
+    /// The unknown that derivative `column` of `term` belongs to.
+    pub fn unknown(&self, term: usize, column: usize) -> usize {
+        let own = self.family.derivatives();
+        if term < self.lobes && column < own {
+            return self.family.unknown(term, column, self.lobes);
+        }
+        let start = self.family.size(self.lobes);
+        match (self.extension.normals, column.wrapping_sub(own)) {
+            _ if term >= self.lobes => self.size() - 1,
+            (true, axis @ (0 | 1)) => start + axis,
+            (normals, _) => start + if normals { 2 } else { 0 } + term,
         }
     }
 
+    /// Number of the shapes' unknowns.
+    pub fn size(&self) -> usize {
+        let Extension { normals, sharpening, coat } = self.extension;
+        self.family.size(self.lobes)
+            + if normals { 2 } else { 0 }
+            + if sharpening { self.lobes } else { 0 }
+            + usize::from(coat)
+    }
+
+    /// The column of linear unknown `unknown`: 0 is ρ_d, then the terms.
+    pub fn column(&self, unknown: usize) -> usize {
+        let of_lobes = |lobes: usize| COMMON + lobes * (1 + self.derivatives(0));
+        match unknown {
+            0 => 0,
+            lobe if lobe <= self.lobes => of_lobes(lobe - 1),
+            coat => COMMON + self.lobes * self.per_lobe() + 2 * (coat - 1 - self.lobes),
+        }
+    }
+
+    /// All columns.
+    pub fn columns(&self) -> usize {
+        COMMON + self.lobes * self.per_lobe() + if self.extension.coat { 4 } else { 0 }
+    }
+
+    /// Columns of a lobe, 0 where there are none.
+    fn per_lobe(&self) -> usize {
+        if self.lobes == 0 { 0 } else { 1 + self.derivatives(0) }
+    }
+
     /// Column of a derivative.
-    pub(super) fn derivative(&self, lobe: usize, column: usize) -> usize {
-        self.column(lobe + 1) + 1 + column
+    pub(super) fn derivative(&self, term: usize, column: usize) -> usize {
+        self.column(term + 1) + 1 + column
+    }
+
+    /// The terms' derivative columns: term and place.
+    pub(super) fn each_derivative(self) -> impl Iterator<Item = (usize, usize)> + Clone {
+        (0..self.terms()).flat_map(move |term| (0..self.derivatives(term)).map(move |column| (term, column)))
     }
 }
 
@@ -47,10 +111,10 @@ pub struct Amplitudes {
     pub cost: f64,
 }
 
-/// The amplitudes within 0 and `most` that minimise the cost, channel by channel, and that cost.
-pub fn amplitudes(gram: &Gram, layout: Layout, most: [f64; CHANNELS]) -> Amplitudes {
+/// The amplitudes within 0 and the most of lobes and of microfacet terms, channel by channel, that minimise the cost, and that cost.
+pub fn amplitudes(gram: &Gram, layout: Layout, most: [[f64; CHANNELS]; 2]) -> Amplitudes {
     let first = usize::from(!layout.diffuse);
-    let size = layout.lobes + 1 - first;
+    let size = layout.terms() + 1 - first;
     let place = |i: usize| layout.column(first + i);
     let mut small = [0.0; LINEAR * LINEAR];
     for i in 0..size {
@@ -67,13 +131,18 @@ pub fn amplitudes(gram: &Gram, layout: Layout, most: [f64; CHANNELS]) -> Amplitu
     }
     let regular = linear::factor(factor, size);
     let mut found = Amplitudes::default();
-    for (channel, &most) in most.iter().enumerate().take(layout.channels) {
+    let caps = most[0].into_iter().zip(most[1]);
+    for (channel, (of_lobes, of_coats)) in caps.enumerate().take(layout.channels) {
         let goal = 1 + channel;
         let mut rhs = [0.0; LINEAR];
         for i in 0..size {
             rhs[i] = gram[place(i) * WIDTH + goal];
         }
-        let cap = |i: usize| if first + i == 0 { f64::INFINITY } else { most };
+        let cap = |i: usize| match first + i {
+            0 => f64::INFINITY,
+            lobe if lobe <= layout.lobes => of_lobes,
+            _ => of_coats,
+        };
         let mut x = rhs;
         let mut free = [true; LINEAR];
         let inside = |x: &[f64]| x.iter().enumerate().all(|(i, &x)| x >= 0.0 && x <= cap(i));
@@ -142,8 +211,7 @@ pub struct Normal {
 
 /// The normal equations at a model, with each channel's free amplitudes projected out.
 pub fn normal(gram: &Gram, layout: Layout, at: &Amplitudes) -> Normal {
-    let Layout { family, lobes, .. } = layout;
-    let size = family.size(lobes);
+    let (terms, size) = (layout.terms(), layout.size());
     let mut normal = Normal { matrix: [0.0; UNKNOWNS * UNKNOWNS], gradient: [0.0; UNKNOWNS], size };
     for channel in 0..layout.channels {
         let free = &at.free[channel];
@@ -151,42 +219,38 @@ pub fn normal(gram: &Gram, layout: Layout, at: &Amplitudes) -> Normal {
             continue;
         }
         // Channels with the same free amplitudes share their projection.
-        let mut weight = [0.0; MOST_LOBES * MOST_LOBES];
+        let mut weight = [0.0; MOST_TERMS * MOST_TERMS];
         let channels = at.x.iter().zip(&at.free).take(layout.channels);
         for (x, _) in channels.filter(|(_, other)| *other == free) {
-            for i in 0..lobes {
-                for j in 0..lobes {
-                    weight[i * MOST_LOBES + j] += x[1 + i] * x[1 + j];
+            for i in 0..terms {
+                for j in 0..terms {
+                    weight[i * MOST_TERMS + j] += x[1 + i] * x[1 + j];
                 }
             }
         }
         project(gram, layout, free, &weight, &mut normal);
     }
-    for lobe in 0..lobes {
-        for column in 0..family.derivatives() {
-            let derivative = layout.derivative(lobe, column);
-            let mut sum = 0.0;
-            for channel in 0..layout.channels {
-                let x = &at.x[channel];
-                let mut residual = -gram[derivative * WIDTH + 1 + channel];
-                for (unknown, x) in x.iter().enumerate().take(lobes + 1) {
-                    residual += gram[derivative * WIDTH + layout.column(unknown)] * x;
-                }
-                sum += x[1 + lobe] * residual;
+    for (term, column) in layout.each_derivative() {
+        let derivative = layout.derivative(term, column);
+        let mut sum = 0.0;
+        for channel in 0..layout.channels {
+            let x = &at.x[channel];
+            let mut residual = -gram[derivative * WIDTH + 1 + channel];
+            for (unknown, x) in x.iter().enumerate().take(terms + 1) {
+                residual += gram[derivative * WIDTH + layout.column(unknown)] * x;
             }
-            normal.gradient[family.unknown(lobe, column, lobes)] += sum;
+            sum += x[1 + term] * residual;
         }
+        normal.gradient[layout.unknown(term, column)] += sum;
     }
     normal
 }
 
 /// Adds the products of the derivatives, without what the free columns span, times the amplitudes' products.
 fn project(gram: &Gram, layout: Layout, free: &[bool; LINEAR], weight: &[f64], normal: &mut Normal) {
-    let Layout { family, lobes, .. } = layout;
-    let derivatives = family.derivatives();
     let mut members = [0; LINEAR];
     let mut count = 0;
-    for unknown in (0..=lobes).filter(|&unknown| free[unknown]) {
+    for unknown in (0..=layout.terms()).filter(|&unknown| free[unknown]) {
         members[count] = layout.column(unknown);
         count += 1;
     }
@@ -200,26 +264,22 @@ fn project(gram: &Gram, layout: Layout, free: &[bool; LINEAR], weight: &[f64], n
     if !linear::factor(&mut factor[..count * count], count) {
         count = 0;
     }
-    let total = lobes * derivatives;
     // L⁻¹ Φᵀ D, a row a derivative.
-    let mut inner = [[0.0; LINEAR]; MOST_LOBES * 4];
-    for (index, row) in inner.iter_mut().enumerate().take(total) {
-        let column = layout.derivative(index / derivatives, index % derivatives);
+    let mut inner = [[0.0; LINEAR]; DERIVATIVES];
+    for (row, (term, column)) in inner.iter_mut().zip(layout.each_derivative()) {
+        let column = layout.derivative(term, column);
         for i in 0..count {
             let dot: f64 = (0..i).map(|k| factor[i * count + k] * row[k]).sum();
             row[i] = (gram[members[i] * WIDTH + column] - dot) / factor[i * count + i];
         }
     }
-    for a in 0..total {
-        let (lobe_a, column_a) = (a / derivatives, a % derivatives);
-        let s = family.unknown(lobe_a, column_a, lobes);
-        for b in 0..total {
-            let (lobe_b, column_b) = (b / derivatives, b % derivatives);
-            let t = family.unknown(lobe_b, column_b, lobes);
-            let spanned: f64 = (0..count).map(|k| inner[a][k] * inner[b][k]).sum();
-            let product =
-                gram[layout.derivative(lobe_a, column_a) * WIDTH + layout.derivative(lobe_b, column_b)];
-            normal.matrix[s * normal.size + t] += weight[lobe_a * MOST_LOBES + lobe_b] * (product - spanned);
+    for ((term_a, column_a), row_a) in layout.each_derivative().zip(&inner) {
+        let (s, place_a) = (layout.unknown(term_a, column_a), layout.derivative(term_a, column_a));
+        for ((term_b, column_b), row_b) in layout.each_derivative().zip(&inner) {
+            let t = layout.unknown(term_b, column_b);
+            let spanned: f64 = (0..count).map(|k| row_a[k] * row_b[k]).sum();
+            let product = gram[place_a * WIDTH + layout.derivative(term_b, column_b)];
+            normal.matrix[s * normal.size + t] += weight[term_a * MOST_TERMS + term_b] * (product - spanned);
         }
     }
 }

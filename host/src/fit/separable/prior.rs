@@ -37,6 +37,10 @@ pub fn tie(solver: &mut Solver, task: Task, model: &mut Model, near: Option<&Mod
     }
     let at = solver.evaluate(task.family, task.diffuse, model);
     let layout = solver.layout(task.family, task.diffuse, model);
+    if !layout.extension.is_none() {
+        // The prior knows plain lobes only.
+        return 0;
+    }
     let normal = normal::normal(&solver.gram, layout, &at);
     let rounding =
         solver.data.goal.iter().take(layout.channels).flatten().map(|goal| goal * goal).sum::<f64>()
@@ -203,7 +207,7 @@ mod tests {
     use glam::Vec3;
 
     fn truth(n: f32) -> LobeBrdf {
-        let lobe = Lobe { rho_s: Rgb::new(0.5, 0.4, 0.3), c: Vec3::new(-1.0, -1.0, 0.95), n };
+        let lobe = Lobe::new(Rgb::new(0.5, 0.4, 0.3), Vec3::new(-1.0, -1.0, 0.95), n);
         LobeBrdf { lobes: vec![lobe], ..LobeBrdf::diffuse(Rgb::splat(0.1)) }
     }
 
@@ -272,8 +276,7 @@ mod tests {
 
     #[test]
     fn texels_that_the_poses_tell_stay_as_they_are() {
-        let lobe =
-            |x: f32, y: f32, n: f32| Lobe { rho_s: Rgb::new(0.5, 0.4, 0.2), c: Vec3::new(x, y, 0.95), n };
+        let lobe = |x: f32, y: f32, n: f32| Lobe::new(Rgb::new(0.5, 0.4, 0.2), Vec3::new(x, y, 0.95), n);
         let cases = [
             (true, vec![lobe(-1.0, -1.0, 40.0)]),
             (false, vec![lobe(-1.0, -0.8, 25.0)]),

@@ -25,7 +25,7 @@ pub fn factors(round: usize, solver: &Solver, layout: Layout, at: &Amplitudes, b
     let mut squares = vec![0.0; solver.data.len()];
     for (channel, x) in at.x.iter().enumerate().take(layout.channels) {
         let mut rest = columns.column(1 + channel).to_vec();
-        for (unknown, x) in x.iter().enumerate().take(layout.lobes + 1) {
+        for (unknown, x) in x.iter().enumerate().take(layout.terms() + 1) {
             for (rest, value) in rest.iter_mut().zip(columns.column(layout.column(unknown))) {
                 *rest -= x * value;
             }

@@ -5,9 +5,11 @@ use glam::DVec3;
 use super::super::lm::tangents;
 use super::super::model::{EXPONENTS, Model, ModelLobe, isotropic_c};
 use super::columns::{Form, MOST_LOBES};
+use super::extended;
+use super::normal::Layout;
 
-/// Unknowns at most.
-pub const UNKNOWNS: usize = 4 * MOST_LOBES;
+/// Unknowns at most: three a lobe and β, or four a lobe; two of the normal, an exponent toward grazing a lobe, and α.
+pub const UNKNOWNS: usize = 4 * MOST_LOBES + 2 + MOST_LOBES + 1;
 
 /// Which shapes are fitted.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -79,6 +81,7 @@ pub fn split_form(lobe: &ModelLobe) -> Form<4, 3> {
 /// Takes a step from `model`; steps too long to trust the linear model over are cut.
 pub fn advance(family: Family, model: &mut Model, step: &[f64]) {
     let lobes = model.lobes.len();
+    extended::advance(Layout::of(family, model), model, step);
     if family == Family::Anisotropic && lobes > 0 {
         model.beta += step[3 * lobes].clamp(-0.3, 0.3);
     }

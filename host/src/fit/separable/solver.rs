@@ -4,11 +4,13 @@
 
 use pulp::{Arch, WithSimd};
 
+use super::super::coat::WIDTHS;
 use super::super::linear::solve_spd;
 use super::super::lm::{Limits, Outcome};
 use super::super::model::{EXPONENTS, Model};
 use super::columns::{Columns, Form, Gram, MOST_LOBES, WIDTH};
 use super::data::Data;
+use super::extended;
 use super::normal::{self, Amplitudes, Layout, Normal};
 use super::shape::{self, Family, UNKNOWNS};
 
@@ -55,13 +57,19 @@ impl WithSimd for Begin<'_> {
 }
 
 /// Columns of a model, as vector code.
-struct Fill<'a>(&'a mut Columns, &'a Data, &'a mut Gram, &'a Model, Family);
+struct Fill<'a>(&'a mut Columns, &'a Data, &'a mut Gram, &'a Model, Layout);
 
 impl WithSimd for Fill<'_> {
     type Output = ();
     #[inline(always)]
     fn with_simd<S: pulp::Simd>(self, _: S) {
-        let Self(columns, data, gram, model, family) = self;
+        let Self(columns, data, gram, model, layout) = self;
+        let family = layout.family;
+        if !layout.extension.is_none() {
+            let forms: Vec<extended::Form> =
+                (0..layout.lobes).map(|index| extended::form(model, index, family, data.cone)).collect();
+            return columns.fill_extended(&forms, model.coat.map(|coat| coat.alpha), data, layout, gram);
+        }
         let products = &data.products;
         let all: [&[f64]; 4] = [&products.xx, &products.yy, &products.zz, &products.xy];
         let (lobes, beta) = (&model.lobes, model.beta);
@@ -106,8 +114,9 @@ impl Solver {
         {
             return at;
         }
-        self.arch.dispatch(Fill(&mut self.columns, &self.data, &mut self.gram, model, family));
-        let at = normal::amplitudes(&self.gram, self.layout(family, diffuse, model), self.data.most);
+        let layout = self.layout(family, diffuse, model);
+        self.arch.dispatch(Fill(&mut self.columns, &self.data, &mut self.gram, model, layout));
+        let at = normal::amplitudes(&self.gram, layout, [self.data.most, self.data.scale]);
         self.last = Some((family, diffuse, at));
         self.last_model.clone_from(model);
         at
@@ -115,7 +124,7 @@ impl Solver {
 
     /// Which columns are what for a model.
     pub fn layout(&self, family: Family, diffuse: bool, model: &Model) -> Layout {
-        Layout { family, lobes: model.lobes.len(), channels: self.data.channels, diffuse }
+        Layout { channels: self.data.channels, diffuse, ..Layout::of(family, model) }
     }
 
     /// Lowers the cost from the shapes of `model` as far as the limits allow; never worse than the start.
@@ -131,7 +140,7 @@ impl Solver {
         let mut at = self.evaluate(family, diffuse, model);
         let outcome =
             |at: &Amplitudes, iterations, converged| Outcome { cost: at.cost, iterations, converged };
-        if model.lobes.is_empty() {
+        if layout.size() == 0 {
             return (at, outcome(&at, 0, true));
         }
         let mut normal = normal::normal(&self.gram, layout, &at);
@@ -186,10 +195,18 @@ impl Solver {
 pub(super) fn solve(normal: &Normal, layout: Layout, model: &Model, damping: f64) -> Option<[f64; UNKNOWNS]> {
     let size = normal.size;
     let mut fixed = [false; UNKNOWNS];
-    for (index, lobe) in model.lobes.iter().enumerate() {
-        let at = layout.family.unknown(index, 0, layout.lobes);
+    let mut bound = |at: usize, value: f64, [low, high]: [f64; 2]| {
         let downhill = -normal.gradient[at];
-        fixed[at] = (lobe.n <= EXPONENTS[0] && downhill < 0.0) || (lobe.n >= EXPONENTS[1] && downhill > 0.0);
+        fixed[at] = (value <= low && downhill < 0.0) || (value >= high && downhill > 0.0);
+    };
+    for (index, lobe) in model.lobes.iter().enumerate() {
+        bound(layout.unknown(index, 0), lobe.n, EXPONENTS);
+        if let Some(grazing) = lobe.n_grazing {
+            bound(layout.unknown(index, layout.derivatives(index) - 1), grazing, EXPONENTS);
+        }
+    }
+    if let Some(coat) = model.coat {
+        bound(layout.unknown(layout.lobes, 0), coat.alpha, WIDTHS);
     }
     let largest = (0..size).map(|i| normal.matrix[i * size + i]).fold(0.0, f64::max);
     let mut damped = [0.0; UNKNOWNS * UNKNOWNS];

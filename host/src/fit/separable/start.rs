@@ -202,12 +202,18 @@ pub fn follow(solver: &mut Solver, task: Task, near: &[Known]) -> Option<Found> 
 impl Search {
     /// The best fit that the search finds. The solver has begun with the texel's data.
     pub fn best(&mut self, solver: &mut Solver, bank: &Bank, task: Task) -> Found {
-        let mut beam = vec![Candidate { cost: f64::INFINITY, model: Model::default() }];
+        self.best_from(solver, bank, task, &[Model::default()])
+    }
+
+    /// As [`Self::best`], with lobes added to the first of some models without any, or to each of them.
+    pub fn best_from(&mut self, solver: &mut Solver, bank: &Bank, task: Task, bases: &[Model]) -> Found {
+        let of = |model: &Model| Candidate { cost: f64::INFINITY, model: model.clone() };
+        let mut beam: Vec<Candidate> = bases.iter().map(of).collect();
         let mut chosen: Option<Found> = None;
         let mut known = Vec::new();
         let mut ascent = Ascent::default();
         if task.choose {
-            chosen = Some(Found::of(solver, task, Model::default()));
+            chosen = Some(Found::of(solver, task, bases[0].clone()));
         }
         for added in 1..=task.lobes {
             let last = added == task.lobes;
@@ -242,8 +248,20 @@ impl Search {
     /// The best fit of anisotropic lobes, as many as are supported, that starts from the isotropic models with 1, 2, … lobes or from the
     /// anisotropic one with one lobe less.
     pub fn widened(&mut self, solver: &mut Solver, bank: &Bank, task: Task, isotropic: &[Known]) -> Found {
+        self.widened_from(solver, bank, task, isotropic, &Model::default())
+    }
+
+    /// As [`Self::widened`], with lobes added to a model without any.
+    pub fn widened_from(
+        &mut self,
+        solver: &mut Solver,
+        bank: &Bank,
+        task: Task,
+        isotropic: &[Known],
+        base: &Model,
+    ) -> Found {
         let task = Task { effort: Effort { beam: 1, ..task.effort }, ..task };
-        let mut best = Found::of(solver, task, Model::default());
+        let mut best = Found::of(solver, task, base.clone());
         let mut known: Vec<Known> = Vec::with_capacity(isotropic.len());
         let mut ascent = Ascent::default();
         for start in isotropic {
@@ -359,7 +377,7 @@ impl Search {
             }
         };
         (0..channels).for_each(|channel| add(1.0, columns.column(1 + channel)));
-        for unknown in 0..=layout.lobes {
+        for unknown in 0..=layout.terms() {
             let total: f64 = (0..CHANNELS).map(|channel| at.x[channel][unknown]).sum();
             add(-total, columns.column(layout.column(unknown)));
         }
@@ -432,7 +450,7 @@ impl Search {
 fn members(layout: Layout, at: &Amplitudes) -> ([usize; LINEAR], usize) {
     let mut members = [0; LINEAR];
     let mut known = 0;
-    for unknown in 0..=layout.lobes {
+    for unknown in 0..=layout.terms() {
         if (0..layout.channels).any(|channel| at.free[channel][unknown]) {
             members[known] = unknown;
             known += 1;
@@ -444,7 +462,10 @@ fn members(layout: Layout, at: &Amplitudes) -> ([usize; LINEAR], usize) {
 /// Optimises within the task's family. An anisotropic fit of lobes that are still isotropic first finds their direction.
 pub fn minimise(solver: &mut Solver, task: Task, limits: Limits, model: &mut Model) -> (Amplitudes, Outcome) {
     let Task { family, diffuse, .. } = task;
-    if family != Family::Anisotropic || model.lobes.iter().any(|lobe| lobe.c.x != lobe.c.y) {
+    if family != Family::Anisotropic
+        || model.lobes.is_empty()
+        || model.lobes.iter().any(|lobe| lobe.c.x != lobe.c.y)
+    {
         return solver.minimise(family, diffuse, limits, model);
     }
     solver.minimise(Family::Isotropic, diffuse, limits, model);

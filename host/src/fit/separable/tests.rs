@@ -108,7 +108,7 @@ fn one_channel_comes_to_the_cost_of_levenberg_marquardt_over_all_unknowns() {
 #[test]
 fn an_anisotropic_material_without_noise_comes_back_with_its_direction_and_colours() {
     for (seed, beta) in [(1, 0.4f32), (2, -0.7), (3, 0.05)] {
-        let lobe = |rho_s, c, n| Lobe { rho_s, c, n };
+        let lobe = Lobe::new;
         let truth = LobeBrdf {
             rho_d: Rgb::new(0.05, 0.1, 0.02),
             beta,
@@ -130,7 +130,7 @@ fn an_anisotropic_material_without_noise_comes_back_with_its_direction_and_colou
 
 #[test]
 fn a_lobe_that_only_one_channel_has_is_zero_in_the_others() {
-    let lobe = Lobe { rho_s: Rgb::new(0.8, 0.0, 0.0), c: glam::Vec3::new(-1.0, -1.0, 1.0), n: 15.0 };
+    let lobe = Lobe::new(Rgb::new(0.8, 0.0, 0.0), glam::Vec3::new(-1.0, -1.0, 1.0), 15.0);
     let truth =
         LobeBrdf { rho_d: Rgb::new(0.1, 0.2, 0.0), beta: 0.0, lobes: vec![lobe], ..LobeBrdf::default() };
     let samples = testing::samples(&directions(120, 3), |wi, wo| truth.eval(wi, wo));
@@ -216,11 +216,8 @@ fn so_it_does_for_95_percent_of_200_texels() {
 /// A sample of `side`² texels in four patches of materials with two lobes that stand out of the noise; their albedos and exponents
 /// change across the sample.
 fn patches(side: usize) -> SampledSbrdf {
-    let lobe = |rho_s: [f32; 3], c: [f32; 3], n| Lobe {
-        rho_s: Rgb::from_array(rho_s),
-        c: glam::Vec3::from_array(c),
-        n,
-    };
+    let lobe =
+        |rho_s: [f32; 3], c: [f32; 3], n| Lobe::new(Rgb::from_array(rho_s), glam::Vec3::from_array(c), n);
     let sheen = lobe([0.16, 0.06, 0.03], [-0.9, -0.9, 1.0], 7.0);
     let coat = lobe([0.45, 0.45, 0.45], [-1.0, -1.0, 1.0], 60.0);
     let gloss = lobe([0.3, 0.2, 0.2], [-1.0, -1.0, 0.85], 25.0);
@@ -308,7 +305,7 @@ fn so_they_do_on_a_sample_of_4096_texels() {
 /// Spread of the coefficients over `repeats` fits of the same texel with new noise of 0.002 sr⁻¹, over the mean of the stated
 /// standard deviations: ρ_d, ρ_s, Cx, Cz, n of the first lobe, and β.
 fn spread_over_stated(repeats: u64, isotropic: bool) -> Vec<(&'static str, f64)> {
-    let lobe = |rho_s, c, n| Lobe { rho_s, c, n };
+    let lobe = Lobe::new;
     let cy = if isotropic { -0.95 } else { -0.75 };
     let truth = LobeBrdf {
         rho_d: Rgb::new(0.05, 0.1, 0.02),
@@ -396,11 +393,8 @@ fn a_robust_fit_withstands_outliers_and_costs_little_without_them() {
 /// of the right fixed number.
 #[test]
 fn auto_finds_the_number_of_lobes_their_kind_and_isotropy() {
-    let lobe = |rho_s: [f32; 3], c: [f32; 3], n| Lobe {
-        rho_s: Rgb::from_array(rho_s),
-        c: glam::Vec3::from_array(c),
-        n,
-    };
+    let lobe =
+        |rho_s: [f32; 3], c: [f32; 3], n| Lobe::new(Rgb::from_array(rho_s), glam::Vec3::from_array(c), n);
     let sheen = lobe([0.16, 0.06, 0.03], [-0.9, -0.9, 1.0], 7.0);
     let coat = lobe([0.45, 0.45, 0.45], [-1.0, -1.0, 1.0], 60.0);
     let back = lobe([0.06, 0.08, 0.16], [0.9, 0.9, 0.8], 8.0);

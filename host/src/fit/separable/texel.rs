@@ -10,15 +10,16 @@ use super::super::{Diffuse, FitOptions, Residual, diffuse};
 use super::bank::Bank;
 use super::choice;
 use super::data::{Data, Poses};
+use super::extend::{Plain, extend};
 use super::mirror::Mirror;
-use super::normal::Amplitudes;
+use super::normal::{Amplitudes, Layout};
 use super::prior;
 use super::robust;
 use super::shape::Family;
 use super::solver::Solver;
 use super::start::{self, Effort, Found, Known, Search, Task};
 use super::uncertainty::{self, Sigma};
-use crate::reflectance::{LobeBrdf, Rgb};
+use crate::reflectance::{LobeBrdf, Microfacet, Rgb};
 use crate::sampled::SampledSbrdf;
 
 /// What one thread needs to fit texels without allocating for each.
@@ -70,13 +71,13 @@ impl WithSimd for Aim<'_> {
 }
 
 /// Sums of squares of the residuals and of the samples, as vector code.
-struct Squares<'a>(&'a Solver, &'a Amplitudes, &'a [usize], usize);
+struct Squares<'a>(&'a Solver, &'a Amplitudes, &'a [usize], Layout);
 
 impl WithSimd for Squares<'_> {
     type Output = (f64, f64);
     #[inline(always)]
     fn with_simd<S: pulp::Simd>(self, _: S) -> (f64, f64) {
-        let Self(solver, at, channels, lobes) = self;
+        let Self(solver, at, channels, layout) = self;
         let (data, columns) = (&solver.data, &solver.columns);
         let count = data.len();
         let root = &data.root[..count];
@@ -88,10 +89,9 @@ impl WithSimd for Squares<'_> {
             for start in (0..count).step_by(8) {
                 let mut rest = [0.0; 8];
                 rest.copy_from_slice(&goal[start..start + 8]);
-                for unknown in 0..=lobes {
+                for unknown in 0..=layout.terms() {
                     let x = at.x[place][unknown];
-                    let index = if unknown == 0 { 0 } else { columns.place(unknown - 1) };
-                    let column = &columns.column(index)[start..start + 8];
+                    let column = &columns.column(layout.column(unknown))[start..start + 8];
                     for lane in 0..8 {
                         rest[lane] -= x * column[lane];
                     }
@@ -177,10 +177,11 @@ impl Workspace {
         self.neighbour = told.into_iter().flatten().next().cloned().unwrap_or_default();
         let fit = self.fit_by(options, |workspace, group, task| {
             let near: Vec<&Trail> = near.iter().filter_map(|trails| trails.get(group)).collect();
-            let (task, model, trail) = workspace.search(task, &near);
+            let (found, model, trail) = workspace.search(task, &near);
+            let extended = workspace.extended(options, task, (found, model), &trail);
             trails.truncate(group);
             trails.push(trail);
-            (task, model)
+            extended
         });
         columns.resize_with(columns.len().max(column + 1), Vec::new);
         columns[column] = trails;
@@ -193,8 +194,8 @@ impl Workspace {
     /// Fits the samples that were read. With fewer samples than unknowns fewer lobes are fitted, with none the texel is black.
     pub fn fit(&mut self, options: &FitOptions) -> TexelFit {
         self.fit_by(options, |workspace, _, task| {
-            let (task, model, _) = workspace.search(task, &[]);
-            (task, model)
+            let (found, model, trail) = workspace.search(task, &[]);
+            workspace.extended(options, task, (found, model), &trail)
         })
     }
 
@@ -244,10 +245,13 @@ impl Workspace {
             let part = self.brdf(channels, &model, &at);
             brdf.rho_d += part.rho_d;
             brdf.beta = part.beta;
+            brdf.normal = part.normal;
             brdf.lobes.extend(part.lobes);
+            brdf.microfacets.extend(part.microfacets);
             let of_group = uncertainty::sigma(&self.solver, task.family, task.diffuse, &model, &at);
             sigma.take(channels, of_group, model.beta);
-            let squares = arch.dispatch(Squares(&self.solver, &at, channels, model.lobes.len()));
+            let layout = self.solver.layout(task.family, task.diffuse, &model);
+            let squares = arch.dispatch(Squares(&self.solver, &at, channels, layout));
             (error, whole) = (error + squares.0, whole + squares.1);
         }
         if !options.choose && !options.separate_channels {
@@ -340,6 +344,22 @@ impl Workspace {
         (task, model, trail)
     }
 
+    /// The fit with what the options allow beyond plain lobes; `whole` is the task before a family was chosen.
+    fn extended(
+        &mut self,
+        options: &FitOptions,
+        whole: Task,
+        plain: (Task, Model),
+        trail: &Trail,
+    ) -> (Task, Model) {
+        if options.extensions.is_none() {
+            return plain;
+        }
+        let Self { solver, bank, search, .. } = self;
+        let plain = Plain { task: plain.0, model: plain.1, trail: trail.each_ref().map(Vec::as_slice) };
+        extend((solver, bank, search), options.extensions, whole, plain)
+    }
+
     /// From the neighbour whose shapes describe this texel best, or else from the isotropic models where there are such, or from the bank.
     fn follow_or_search(&mut self, task: Task, near: &[&[Known]], isotropic: Option<&[Known]>) -> Found {
         let Self { solver, bank, search, followed: [tried, succeeded], .. } = self;
@@ -382,8 +402,14 @@ impl Workspace {
             }
             colour
         };
-        let rho_s: Vec<Rgb> = (1..=model.lobes.len()).map(colour).collect();
-        model.to_brdf(colour(0), &rho_s)
+        let lobes = model.lobes.len();
+        let rho_s: Vec<Rgb> = (1..=lobes).map(colour).collect();
+        let coat = model.coat.map(|coat| Microfacet {
+            f0: colour(lobes + 1),
+            f90: colour(lobes + 2),
+            alpha: coat.alpha as f32,
+        });
+        LobeBrdf { microfacets: coat.into_iter().collect(), ..model.to_brdf(colour(0), &rho_s) }
     }
 
     /// The percentile of every channel.

@@ -6,10 +6,12 @@
 
 use glam::DVec3;
 
+use super::super::coat::WIDTHS;
 use super::super::linear;
 use super::super::lm::tangents;
 use super::super::model::{EXPONENTS, Model};
 use super::columns::WIDTH;
+use super::extended::MOST_TILT;
 use super::normal::{self, Amplitudes, LINEAR, Layout, Normal};
 use super::shape::{Family, UNKNOWNS};
 use super::solver::Solver;
@@ -23,6 +25,19 @@ pub struct LobeSigma {
     pub c: DVec3,
     /// Of the exponent.
     pub n: f64,
+    /// Of the exponent toward grazing, where the lobe sharpens.
+    pub n_grazing: f64,
+}
+
+/// Standard deviations of a microfacet term's coefficients.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct CoatSigma {
+    /// Of f0 a channel.
+    pub f0: [f64; 3],
+    /// Of f90 a channel.
+    pub f90: [f64; 3],
+    /// Of α.
+    pub alpha: f64,
 }
 
 /// Standard deviations of a texel's coefficients, in the order of the map. What the samples do not tell has the width of its range:
@@ -33,8 +48,12 @@ pub struct Sigma {
     pub rho_d: [f64; 3],
     /// Of β, radians.
     pub beta: f64,
+    /// Of x and y of the normal.
+    pub normal: [f64; 2],
     /// Of the lobes.
     pub lobes: Vec<LobeSigma>,
+    /// Of the microfacet term.
+    pub coat: CoatSigma,
 }
 
 impl Sigma {
@@ -42,7 +61,7 @@ impl Sigma {
     /// the map's β lies a quarter turn from it.
     pub fn take(&mut self, channels: &[usize], group: Self, beta: f64) {
         let turned = (beta / std::f64::consts::FRAC_PI_2).round() as i64 % 2 != 0 && group.beta > 0.0;
-        self.beta = group.beta;
+        (self.beta, self.normal, self.coat) = (group.beta, group.normal, group.coat);
         let spread = |values: [f64; 3]| {
             let mut all = [0.0; 3];
             for (&channel, value) in channels.iter().zip(values) {
@@ -56,7 +75,7 @@ impl Sigma {
         self.lobes.extend(group.lobes.into_iter().map(|lobe| LobeSigma {
             rho_s: spread(lobe.rho_s),
             c: if turned { DVec3::new(lobe.c.y, lobe.c.x, lobe.c.z) } else { lobe.c },
-            n: lobe.n,
+            ..lobe
         }));
     }
 }
@@ -114,6 +133,13 @@ impl Covariance {
         product.sum::<f64>().max(0.0)
     }
 
+    /// Standard deviation of one unknown at a variance σ².
+    fn of(&self, unknown: usize, variance: f64) -> f64 {
+        let mut gradient = [0.0; UNKNOWNS];
+        gradient[unknown] = 1.0;
+        (variance * self.along(&gradient)).sqrt()
+    }
+
     /// cov g.
     pub(super) fn times(&self, g: &[f64; UNKNOWNS]) -> [f64; UNKNOWNS] {
         let mut product = [0.0; UNKNOWNS];
@@ -140,11 +166,20 @@ pub fn sigma(solver: &Solver, family: Family, diffuse: bool, model: &Model, at: 
     let mut sigma = Sigma { lobes: vec![LobeSigma::default(); lobes], ..Sigma::default() };
     for (index, lobe) in sigma.lobes.iter_mut().enumerate() {
         (lobe.c, lobe.n) = of_shape(solver, layout, model, index, &covariance, variance);
+        if let Some(grazing) = model.lobes[index].n_grazing {
+            let unknown = layout.unknown(index, layout.derivatives(index) - 1);
+            lobe.n_grazing = of_exponent(grazing, covariance.of(unknown, variance));
+        }
+    }
+    if layout.extension.normals {
+        let of = |axis| covariance.of(layout.unknown(0, family.derivatives() + axis), variance);
+        sigma.normal = [of(0), of(1)].map(|deviation| deviation.min(MOST_TILT));
+    }
+    if let Some(coat) = model.coat {
+        sigma.coat.alpha = (coat.alpha * covariance.of(layout.unknown(lobes, 0), variance)).min(WIDTHS[1]);
     }
     if family == Family::Anisotropic && lobes > 0 {
-        let mut gradient = [0.0; UNKNOWNS];
-        gradient[family.unknown(0, 3, lobes)] = 1.0;
-        sigma.beta = (variance * covariance.along(&gradient)).sqrt().min(std::f64::consts::FRAC_PI_4);
+        sigma.beta = covariance.of(family.unknown(0, 3, lobes), variance).min(std::f64::consts::FRAC_PI_4);
     }
     let told = told(solver, layout, at);
     for channel in 0..layout.channels {
@@ -154,10 +189,15 @@ pub fn sigma(solver: &Solver, family: Family, diffuse: bool, model: &Model, at: 
         for (index, lobe) in sigma.lobes.iter_mut().enumerate() {
             lobe.rho_s[channel] = deviation(1 + index).min(most(solver, channel));
         }
+        if layout.extension.coat {
+            let [f0, f90] = [1, 2].map(|term| deviation(lobes + term).min(1.0));
+            (sigma.coat.f0[channel], sigma.coat.f90[channel]) = (f0, f90);
+        }
     }
     for (index, lobe) in sigma.lobes.iter_mut().enumerate() {
         if lobe.n > VAGUE * model.lobes[index].n || !told[index] {
-            *lobe = untold(solver);
+            let n_grazing = if layout.extension.sharpening { EXPONENTS[1] } else { 0.0 };
+            *lobe = LobeSigma { n_grazing, ..untold(solver) };
         }
     }
     sigma
@@ -166,15 +206,15 @@ pub fn sigma(solver: &Solver, family: Family, diffuse: bool, model: &Model, at: 
 /// σ² of a weighted residual, from the cost.
 pub(super) fn variance(solver: &Solver, layout: Layout, at: &Amplitudes) -> f64 {
     let free = at.free.iter().take(layout.channels).flatten().filter(|&&free| free).count();
-    let unknowns = free + layout.family.size(layout.lobes);
+    let unknowns = free + layout.size();
     at.cost / (solver.data.valid * layout.channels).saturating_sub(unknowns).max(1) as f64
 }
 
 /// Which lobes of a model that was evaluated last are told from noise.
 pub fn told(solver: &Solver, layout: Layout, at: &Amplitudes) -> Vec<bool> {
-    let mut rises = vec![0.0; layout.lobes];
+    let mut rises = vec![0.0; layout.terms()];
     for (x, free) in at.x.iter().zip(&at.free).take(layout.channels) {
-        let members: Vec<usize> = (0..=layout.lobes).filter(|&unknown| free[unknown]).collect();
+        let members: Vec<usize> = (0..=layout.terms()).filter(|&unknown| free[unknown]).collect();
         let Some(factor) = factor(solver, layout, &members) else { continue };
         for (place, &unknown) in members.iter().enumerate().filter(|&(_, &unknown)| unknown > 0) {
             let mut own = [0.0; LINEAR];
@@ -201,7 +241,7 @@ fn factor(solver: &Solver, layout: Layout, members: &[usize]) -> Option<Vec<f64>
 pub fn untold(solver: &Solver) -> LobeSigma {
     let channels = solver.data.channels;
     let rho_s = std::array::from_fn(|k| if k < channels { most(solver, k) } else { 0.0 });
-    LobeSigma { rho_s, c: DVec3::ONE, n: EXPONENTS[1] }
+    LobeSigma { rho_s, c: DVec3::ONE, n: EXPONENTS[1], n_grazing: 0.0 }
 }
 
 /// Largest amplitude of a lobe.
@@ -217,12 +257,7 @@ fn turns(solver: &Solver, layout: Layout, model: &Model, index: usize) -> Vec<(u
     let directions = tangents(lobe.c, isotropic);
     (directions.into_iter().take(count).enumerate())
         .map(|(k, tangent)| {
-            let moved = |size: f64| {
-                let mut moved = *lobe;
-                moved.c = (lobe.c + tangent * size).normalize();
-                moved.within(solver.data.cone).reference.ln()
-            };
-            let by_reference = (moved(1e-5) - moved(-1e-5)) / 2e-5;
+            let by_reference = lobe.reference_slope(tangent, solver.data.cone);
             (layout.family.unknown(index, 1 + k, layout.lobes), tangent, by_reference)
         })
         .collect()
@@ -246,10 +281,12 @@ fn of_shape(
         }
         c[axis] = (variance * covariance.along(&gradient)).sqrt().min(1.0);
     }
-    let mut gradient = [0.0; UNKNOWNS];
-    gradient[layout.family.unknown(index, 0, layout.lobes)] = 1.0;
-    let of_ln_n = (variance * covariance.along(&gradient)).sqrt();
-    (c, (lobe.n * ((REACH * of_ln_n).exp() - 1.0) / REACH).min(EXPONENTS[1]))
+    (c, of_exponent(lobe.n, covariance.of(layout.unknown(index, 0), variance)))
+}
+
+/// The standard deviation of an exponent from that of its logarithm.
+fn of_exponent(n: f64, of_ln_n: f64) -> f64 {
+    (n * ((REACH * of_ln_n).exp() - 1.0) / REACH).min(EXPONENTS[1])
 }
 
 /// How a channel's free amplitudes follow the samples and the shapes.
@@ -266,19 +303,17 @@ impl Response {
     /// The response at a model that was evaluated last; none where the columns are not independent.
     pub(super) fn new(solver: &Solver, layout: Layout, at: &Amplitudes, channel: usize) -> Option<Self> {
         let (gram, x) = (&solver.gram, &at.x[channel]);
-        let members: Vec<usize> = (0..=layout.lobes).filter(|&unknown| at.free[channel][unknown]).collect();
+        let members: Vec<usize> = (0..=layout.terms()).filter(|&unknown| at.free[channel][unknown]).collect();
         let entry = |a: usize, b: usize| gram[a * WIDTH + b];
         let factor = factor(solver, layout, &members)?;
         let mut by_shape = vec![[0.0; UNKNOWNS]; members.len()];
-        for lobe in 0..layout.lobes {
-            for column in 0..layout.family.derivatives() {
-                let derivative = layout.derivative(lobe, column);
-                let mut along: Vec<f64> =
-                    members.iter().map(|&i| -x[1 + lobe] * entry(layout.column(i), derivative)).collect();
-                linear::substitute(&factor, &mut along);
-                for (row, along) in by_shape.iter_mut().zip(along) {
-                    row[layout.family.unknown(lobe, column, layout.lobes)] += along;
-                }
+        for (term, column) in layout.each_derivative() {
+            let derivative = layout.derivative(term, column);
+            let mut along: Vec<f64> =
+                members.iter().map(|&i| -x[1 + term] * entry(layout.column(i), derivative)).collect();
+            linear::substitute(&factor, &mut along);
+            for (row, along) in by_shape.iter_mut().zip(along) {
+                row[layout.unknown(term, column)] += along;
             }
         }
         Some(Self { members, factor, by_shape })
@@ -299,8 +334,9 @@ fn of_amplitudes(
         return variances;
     };
     for (place, (&unknown, mut gradient)) in members.iter().zip(by_shape).enumerate() {
-        if unknown > 0 {
-            let lobe = &model.lobes[unknown - 1];
+        // The amplitude of a lobe that sharpens is that at its reference; others keep it as C turns.
+        let lobe = unknown.checked_sub(1).and_then(|place| model.lobes.get(place));
+        if let Some(lobe) = lobe.filter(|lobe| lobe.n_grazing.is_none()) {
             for (turn, _, by_reference) in turns(solver, layout, model, unknown - 1) {
                 gradient[turn] += at.x[channel][unknown] * lobe.n * by_reference;
             }

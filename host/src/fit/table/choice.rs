@@ -68,7 +68,7 @@ pub(super) fn chosen(fits: &[&WavelengthFit]) -> usize {
     let best = |coated: bool| {
         let mut places: Vec<usize> =
             (0..fits.len()).filter(|&place| fits[place].size.microfacet == coated).collect();
-        places.sort_by_key(|&place| fits[place].size.lobes);
+        places.sort_by_key(|&place| (fits[place].size.lobes, fits[place].size.sharpening));
         places.into_iter().reduce(|best, place| {
             if is_better(&fits[place].left_out, &fits[best].left_out) { place } else { best }
         })

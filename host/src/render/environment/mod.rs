@@ -91,6 +91,7 @@ impl Renderer for Settings {
         self.check()?;
         let start = Instant::now();
         if self.gpu {
+            super::plain_lobes_only(scene, "environment --gpu")?;
             return raster::prepare(scene, self, start);
         }
         let materials = Materials::new(scene);
@@ -167,7 +168,7 @@ impl Light {
         let of_coats = coats.into_iter().flat_map(|table| {
             materials.microfacets.values().flatten().flat_map(|coat| table.exponents(coat.alpha))
         });
-        let exponents = materials.lobes.iter().map(|lobe| lobe.n).chain(of_coats);
+        let exponents = materials.lobes.iter().flat_map(|lobe| [lobe.n, lobe.n_grazing]).chain(of_coats);
         let (low, high) = exponents.fold((f32::INFINITY, 0.0f32), |(a, b), n| (a.min(n), b.max(n)));
         let range = match (low <= high, settings.horizon) {
             (false, _) => (1.0, 1.0),

@@ -27,7 +27,7 @@ fn quadrature(environment: &Environment, brdf: &LobeBrdf, view: Vec3) -> Rgb {
 }
 
 fn phong(n: f32) -> LobeBrdf {
-    let lobe = Lobe { rho_s: Rgb::splat((n + 2.0) / TAU), c: Vec3::new(-1.0, -1.0, 1.0), n };
+    let lobe = Lobe::new(Rgb::splat((n + 2.0) / TAU), Vec3::new(-1.0, -1.0, 1.0), n);
     LobeBrdf { lobes: vec![lobe], ..LobeBrdf::default() }
 }
 

@@ -1,6 +1,7 @@
 //! The twin of shaders/lights.wgsl in Rust: the same shading and filtering, one ray through the middle of every pixel. It is the
 //! oracle for the shader.
 
+use bytemuck::Zeroable;
 use glam::{Vec3, Vec4};
 use rayon::prelude::*;
 
@@ -115,18 +116,20 @@ impl Twin<'_> {
         for &(texel, weight) in taps {
             for (place, lobe) in self.materials.lobes_of(texel).iter().enumerate() {
                 if place == sums.len() {
-                    sums.push((PackedLobe { c: [0.0; 4], rho_s: [0.0; 3], n: 0.0 }, 0.0));
+                    sums.push((PackedLobe::zeroed(), 0.0));
                 }
                 let (sum, whole) = &mut sums[place];
                 sum.c.iter_mut().zip(lobe.c).for_each(|(sum, c)| *sum += weight * c);
                 sum.rho_s.iter_mut().zip(lobe.rho_s).for_each(|(sum, rho)| *sum += weight * rho);
                 sum.n += weight * lobe.n;
+                sum.n_grazing += weight * lobe.n_grazing;
                 *whole += weight;
             }
         }
         let mean = |(sum, whole): (PackedLobe, f32)| PackedLobe {
             c: sum.c.map(|c| c / whole),
             n: sum.n / whole,
+            n_grazing: sum.n_grazing / whole,
             ..sum
         };
         (rho_d, sums.into_iter().map(mean).collect())

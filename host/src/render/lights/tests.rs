@@ -27,7 +27,7 @@ fn lit(width: u32, height: u32) -> Scene {
 /// A check of gloss and of brushed satin, far smaller than a pixel toward the horizon of a floor; a cut-out leaf above it.
 fn floor(width: u32, height: u32) -> Scene {
     let brdf = |rho_d: f32, c: Vec3, n: f32| {
-        let lobe = Lobe { rho_s: Rgb::new(0.5, 0.4, 0.3), c, n };
+        let lobe = Lobe::new(Rgb::new(0.5, 0.4, 0.3), c, n);
         LobeBrdf { rho_d: Rgb::splat(rho_d), lobes: vec![lobe], ..LobeBrdf::default() }
     };
     let (gloss, satin) =

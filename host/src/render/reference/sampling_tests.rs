@@ -90,14 +90,20 @@ fn expected(shader: &Shader) -> Vec<f64> {
 
 #[test]
 fn lobes_are_sampled_with_their_density() {
-    let lobe = |c: [f32; 3], n: f32| Lobe { rho_s: Rgb::splat(0.3), c: Vec3::from_array(c), n };
+    let lobe = |c: [f32; 3], n: f32| Lobe::new(Rgb::splat(0.3), Vec3::from_array(c), n);
     let with =
         |lobes: Vec<Lobe>| LobeBrdf { rho_d: Rgb::splat(0.05), beta: 0.5, lobes, ..LobeBrdf::default() };
     let coated = |alpha: f32| LobeBrdf {
         microfacets: vec![Microfacet { f0: Rgb::splat(0.5), f90: Rgb::ONE, alpha }],
         ..with(vec![lobe([-1.0, -1.0, 1.0], 10.0)])
     };
+    let tilted =
+        LobeBrdf { normal: glam::Vec2::new(0.2, -0.25), ..with(vec![lobe([-1.0, -0.7, 0.9], 25.0)]) };
+    let sharpening = |n, grazing| Lobe { n_grazing: Some(grazing), ..lobe([-1.0, -1.0, 1.0], n) };
     let brdfs = [
+        tilted,
+        with(vec![sharpening(10.0, 80.0)]),
+        with(vec![sharpening(60.0, 8.0)]),
         LobeBrdf::diffuse(Rgb::splat(0.5)),
         with(vec![lobe([-1.0, -1.0, 1.0], 30.0)]),
         with(vec![lobe([-1.1, -0.4, 0.7], 12.0)]),

@@ -28,7 +28,7 @@ fn scene(mesh: Mesh, brdf: LobeBrdf, position: Vec3) -> Scene {
 }
 
 fn phong(n: f32) -> LobeBrdf {
-    let lobe = Lobe { rho_s: Rgb::new(0.4, 0.3, 0.2), c: Vec3::new(-1.0, -1.0, 1.0), n };
+    let lobe = Lobe::new(Rgb::new(0.4, 0.3, 0.2), Vec3::new(-1.0, -1.0, 1.0), n);
     LobeBrdf { rho_d: Rgb::splat(0.05), beta: 0.0, lobes: vec![lobe], ..LobeBrdf::default() }
 }
 
@@ -101,7 +101,7 @@ fn sampled_environment_light_equals_quadrature() {
         Rgb::new(0.5 + 0.4 * d.x, 0.3 + lamp, 0.2 + 0.2 * d.z)
     })
     .rotated(0.5);
-    let retro = Lobe { rho_s: Rgb::splat(0.2), c: Vec3::new(0.8, 0.6, 0.9), n: 8.0 };
+    let retro = Lobe::new(Rgb::splat(0.2), Vec3::new(0.8, 0.6, 0.9), 8.0);
     for (name, mut brdf) in [
         ("phong", phong(25.0)),
         ("sharp", phong(400.0)),
