@@ -207,8 +207,8 @@ fn images(
         title: format!("Pictures: {name}"),
         text: format!(
             "A ball with one lobe, C = (−1, −1, 1), rendered by the maps and by the path tracer: relative RMSE over its pixels, estimated by three \
-             pictures of the path tracer with {SAMPLES} samples a pixel, so that their noise cancels (a dash where it does not). `cosine at the peak` is (6.18) as published; \
-             `corrected` takes factor, centroid and width of the lobe above the horizon."
+             pictures of the path tracer with {SAMPLES} samples a pixel, so that their noise cancels (a dash where it does not). “Cosine at the peak” is (6.18) as published; \
+             “corrected” takes factor, centroid and width of the lobe above the horizon."
         ),
         plots: vec![
             Plot {
