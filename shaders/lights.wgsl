@@ -68,6 +68,8 @@ struct Leaf {
 override GROUP: u32 = 4u;
 // Whether 8 bits hold C scaled to a largest base of 1 and the exponent's logarithm.
 override SCALED: bool = false;
+// Whether texels have a normal of their own for their lobes and lobes an exponent toward grazing.
+override EXTENDED: bool = false;
 // Whether coefficients are interpolated rather than reflectance.
 override COEFFICIENTS: bool = false;
 // Whether the pixel's footprint is sampled on the finest level, rather than along its longer axis on MIP levels.
@@ -166,11 +168,18 @@ fn with_sign(part: vec3f) -> vec3f {
     return (part * 255.0 - 127.0) / 127.0;
 }
 
-// rho_d, and what C takes to turn it by beta: its half range along x and y is turned by twice that angle.
+// rho_d, and what C takes to turn it by beta: its half range along x and y is turned by twice that angle; x and y of the normal about
+// which the lobes stand.
 struct Texel {
     rho_d: vec3f,
     cos_2beta: f32,
     sin_2beta: f32,
+    normal: vec2f,
+}
+
+// Words of a texel before its lobes.
+fn header_words() -> u32 {
+    return select(GROUP, 2u * GROUP, EXTENDED);
 }
 
 fn texel_at(at: u32, brightest: f32) -> Texel {
@@ -183,38 +192,78 @@ fn texel_at(at: u32, brightest: f32) -> Texel {
     let scale = 1.0 / (1.0 + square);
     let cos_beta = (1.0 - square) * scale;
     let sin_beta = 2.0 * raw.w * scale;
-    return Texel(raw.rgb, cos_beta * cos_beta - sin_beta * sin_beta, 2.0 * sin_beta * cos_beta);
+    var normal = vec2f(0.0);
+    if EXTENDED {
+        let more = group(at + GROUP).xyz;
+        normal = select(more, with_sign(more), GROUP == 1u).xy;
+    }
+    return Texel(raw.rgb, cos_beta * cos_beta - sin_beta * sin_beta, 2.0 * sin_beta * cos_beta, normal);
 }
 
 struct Lobe {
     // C' xx, xy, yy, zz.
     c: vec4f,
+    // C' xz, yz, 0 about the surface's own normal.
+    tilt: vec2f,
     rho_s: vec3f,
     n: f32,
+    // Exponent toward grazing (6.19).
+    n_grazing: f32,
+}
+
+// An exponent of 8 bits.
+fn exponent_of(part: f32) -> f32 {
+    // ln 0.5 to ln 5000.
+    return select(part * 255.0, exp(-0.6931471806 + part * 9.2103403720), SCALED);
 }
 
 fn lobe_at(at: u32, texel: Texel, brightest: f32) -> Lobe {
     var shine = group(at);
-    var c = group(at + GROUP).xyz;
+    var shape = group(at + GROUP);
     if GROUP == 1u {
-        if SCALED {
-            // ln 0.5 to ln 5000.
-            shine = vec4f(shine.rgb * brightest, exp(-0.6931471806 + shine.a * 9.2103403720));
-            c = with_sign(c);
-        } else {
-            shine = vec4f(shine.rgb, shine.a * 255.0);
-            c = c * 2.0 - 1.0;
+        shine = vec4f(shine.rgb * brightest, exponent_of(shine.a));
+        shape = vec4f(select(shape.xyz * 2.0 - 1.0, with_sign(shape.xyz), SCALED), shape.w);
+        if EXTENDED {
+            shape.w = exponent_of(shape.w);
         }
     }
-    let mean = 0.5 * (c.x + c.y);
-    let half_range = 0.5 * (c.x - c.y);
+    let mean = 0.5 * (shape.x + shape.y);
+    let half_range = 0.5 * (shape.x - shape.y);
     let along = half_range * texel.cos_2beta;
-    return Lobe(vec4f(mean + along, half_range * texel.sin_2beta, mean - along, c.z), shine.rgb, shine.a);
+    let c = vec4f(mean + along, half_range * texel.sin_2beta, mean - along, shape.z);
+    let lobe = Lobe(c, vec2f(0.0), shine.rgb, shine.a, shape.w);
+    if EXTENDED {
+        return tilted(lobe, texel.normal);
+    }
+    return lobe;
+}
+
+// A lobe about a normal: directions take the shortest turn that brings the normal to z before they meet C'.
+fn tilted(lobe: Lobe, normal: vec2f) -> Lobe {
+    let z = sqrt(max(1.0 - dot(normal, normal), 0.0));
+    let less = normal / (1.0 + z);
+    let turn = mat3x3f(
+        vec3f(1.0 - less.x * normal.x, -less.x * normal.y, normal.x),
+        vec3f(-less.y * normal.x, 1.0 - less.y * normal.y, normal.y),
+        vec3f(-normal, z),
+    );
+    let about_z = mat3x3f(vec3f(lobe.c.xy, 0.0), vec3f(lobe.c.yz, 0.0), vec3f(0.0, 0.0, lobe.c.w));
+    let c = transpose(turn) * about_z * turn;
+    return Lobe(vec4f(c[0].xy, c[1].y, c[2].z), c[2].xy, lobe.rho_s, lobe.n, lobe.n_grazing);
 }
 
 // C' w_o: a lobe's base is its dot product with w_i.
 fn peak_of(lobe: Lobe, wo: vec3f) -> vec3f {
-    return vec3f(lobe.c.x * wo.x + lobe.c.y * wo.y, lobe.c.y * wo.x + lobe.c.z * wo.y, lobe.c.w * wo.z);
+    let peak = vec3f(lobe.c.x * wo.x + lobe.c.y * wo.y, lobe.c.y * wo.x + lobe.c.z * wo.y, lobe.c.w * wo.z);
+    if EXTENDED {
+        return peak + vec3f(lobe.tilt * wo.z, dot(lobe.tilt, wo.xy));
+    }
+    return peak;
+}
+
+// A lobe's exponent by the sum of the cosines of both directions (6.19).
+fn exponent(lobe: Lobe, cosines: f32) -> f32 {
+    return select(lobe.n, lobe.n_grazing + 0.5 * (lobe.n - lobe.n_grazing) * cosines, EXTENDED);
 }
 
 // A microfacet term; see host/reflectance/src/microfacet.rs.
@@ -275,7 +324,8 @@ fn by_lobe(lobe: Lobe, lit: ptr<function, Lit>) -> vec3f {
     let peak = peak_of(lobe, (*lit).wo);
     var sum = vec3f(0.0);
     for (var k = 0u; k < (*lit).count; k++) {
-        sum += (*lit).light[k] * power(dot(peak, (*lit).wi[k]), lobe.n);
+        let n = exponent(lobe, (*lit).wo.z + (*lit).wi[k].z);
+        sum += (*lit).light[k] * power(dot(peak, (*lit).wi[k]), n);
     }
     return lobe.rho_s * sum;
 }
@@ -304,7 +354,7 @@ fn by_texel(object: u32, index: u32, brightest: f32, lit: ptr<function, Lit>) ->
     let end = starts[index + 1u] - coat_words(object);
     let texel = texel_at(at, brightest);
     var radiance = texel.rho_d * (*lit).sum + by_coats(object, index, brightest, lit);
-    for (at += GROUP; at < end; at += 2u * GROUP) {
+    for (at += header_words(); at < end; at += 2u * GROUP) {
         radiance += by_lobe(lobe_at(at, texel, brightest), lit);
     }
     return radiance;
@@ -427,7 +477,7 @@ fn by_footprint(object: u32, footprint: Footprint, lit: ptr<function, Lit>) -> v
     }
     // A lobe that one texel lacks has its shape from the others.
     for (var j = 0u; j == 0u || j < materials[object].lobes; j++) {
-        var sum = Lobe(vec4f(0.0), vec3f(0.0), 0.0);
+        var sum = Lobe(vec4f(0.0), vec2f(0.0), vec3f(0.0), 0.0, 0.0);
         var whole = 0.0;
         for (var k = 0u; k < count; k++) {
             let one = tap(object, footprint, k);
@@ -436,17 +486,20 @@ fn by_footprint(object: u32, footprint: Footprint, lit: ptr<function, Lit>) -> v
                 let coats = by_coats(object, one.texel, brightest, lit);
                 radiance += one.weight * (texel.rho_d * (*lit).sum + coats);
             }
-            let at = starts[one.texel] + GROUP * (1u + 2u * j);
+            let at = starts[one.texel] + header_words() + 2u * GROUP * j;
             if one.weight > 0.0 && at < starts[one.texel + 1u] - coat_words(object) {
                 let lobe = lobe_at(at, texel, brightest);
                 sum.c += one.weight * lobe.c;
+                sum.tilt += one.weight * lobe.tilt;
                 sum.rho_s += one.weight * lobe.rho_s;
                 sum.n += one.weight * lobe.n;
+                sum.n_grazing += one.weight * lobe.n_grazing;
                 whole += one.weight;
             }
         }
         if whole > 0.0 {
-            radiance += by_lobe(Lobe(sum.c / whole, sum.rho_s, sum.n / whole), lit);
+            let mean = Lobe(sum.c / whole, sum.tilt / whole, sum.rho_s, sum.n / whole, sum.n_grazing / whole);
+            radiance += by_lobe(mean, lit);
         }
     }
     return radiance;

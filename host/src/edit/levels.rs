@@ -59,15 +59,19 @@ pub fn average(parts: &[(f32, &LobeBrdf)]) -> LobeBrdf {
     for (weight, brdf) in parts {
         mean.rho_d += *weight * brdf.rho_d;
         mean.beta += weight * brdf.beta;
+        mean.normal += *weight * brdf.normal;
     }
     for place in 0..lobes {
         let have = || parts.iter().filter_map(|(weight, brdf)| Some((*weight, brdf.lobes.get(place)?)));
         let whole: f32 = have().map(|(weight, _)| weight).sum();
-        mean.lobes.push(Lobe::new(
-            have().map(|(weight, lobe)| weight * lobe.rho_s).sum(),
-            have().map(|(weight, lobe)| weight * lobe.c).sum::<Vec3>() / whole,
-            have().map(|(weight, lobe)| weight * lobe.n).sum::<f32>() / whole,
-        ));
+        let exponent = |t| have().map(|(weight, lobe)| weight * lobe.exponent(t)).sum::<f32>() / whole;
+        let sharpens = have().any(|(_, lobe)| lobe.n_grazing.is_some());
+        mean.lobes.push(Lobe {
+            rho_s: have().map(|(weight, lobe)| weight * lobe.rho_s).sum(),
+            c: have().map(|(weight, lobe)| weight * lobe.c).sum::<Vec3>() / whole,
+            n: exponent(1.0),
+            n_grazing: sharpens.then(|| exponent(0.0)),
+        });
     }
     let coats = parts.iter().map(|(_, brdf)| brdf.microfacets.len()).max().unwrap_or(0);
     for place in 0..coats {

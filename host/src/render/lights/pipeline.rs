@@ -69,7 +69,7 @@ impl Pass {
         layouts.extend(distant.map(|distant| layout(gpu, distant.buffers.len() as u32)));
         let shader = distant.map_or(NOT_DISTANT, |distant| distant.shader);
         Ok(Self {
-            pipelines: pipelines(gpu, &layouts, (format, samples), settings, shader),
+            pipelines: pipelines(gpu, &layouts, (format, samples), settings, uploads.extended, shader),
             distant: distant.map(|distant| bind(gpu, &layouts[1], distant.buffers.iter())),
             layout: layouts.swap_remove(0),
             buffers: [
@@ -253,6 +253,7 @@ fn pipelines(
     layouts: &[wgpu::BindGroupLayout],
     (format, samples): (TextureFormat, u32),
     settings: &Settings,
+    extended: bool,
     distant: &str,
 ) -> [wgpu::RenderPipeline; 2] {
     let module = gpu.device.create_shader_module(wgpu::ShaderModuleDescriptor {
@@ -268,6 +269,7 @@ fn pipelines(
     let constants = [
         ("GROUP", settings.storage.group() as f64),
         ("SCALED", flag(settings.storage == Storage::Bits8Scaled)),
+        ("EXTENDED", flag(extended)),
         ("COEFFICIENTS", flag(settings.filtering == Filtering::Coefficients)),
         ("SHADED", flag(settings.filtering == Filtering::Shaded)),
         ("ANISOTROPY", f64::from(settings.anisotropy)),
