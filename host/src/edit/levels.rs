@@ -105,4 +105,18 @@ mod tests {
         let fit = fitted(&map, 1, || ());
         assert!(fit.rho_d.iter().zip(&level.rho_d).all(|(a, b)| (*a - *b).abs().max_element() < 1e-6));
     }
+
+    #[test]
+    fn normals_and_exponents_toward_grazing_are_averaged_too() {
+        let lobe = |n_grazing| Lobe { n_grazing, ..Lobe::new(Rgb::ONE, Vec3::new(-1.0, -1.0, 1.0), 10.0) };
+        let brdf = |x, n_grazing| LobeBrdf {
+            normal: glam::Vec2::new(x, 0.1),
+            lobes: vec![lobe(n_grazing)],
+            ..LobeBrdf::default()
+        };
+        let mean = average(&[(0.25, &brdf(0.2, Some(50.0))), (0.75, &brdf(0.0, None))]);
+        assert!((mean.normal - glam::Vec2::new(0.05, 0.1)).length() < 1e-6);
+        assert_eq!((mean.lobes[0].n, mean.lobes[0].n_grazing), (10.0, Some(20.0)));
+        assert_eq!(average(&[(1.0, &brdf(0.0, None))]).lobes[0].n_grazing, None);
+    }
 }

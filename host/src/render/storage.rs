@@ -1,4 +1,5 @@
-//! Coefficients in fewer bits (stability case G15): f16 and 8 bits against f32. What is written here shaders/lights.wgsl reads.
+//! Coefficients in fewer bits (stability case G15): f16 and 8 bits against f32. What is written here shaders/lights/texels.wgsl
+//! reads.
 //!
 //! A texel is a header (ρ_d and β as tan β/2), its lobes (ρ_s and n; C and the exponent toward grazing, n again for most) and its
 //! microfacet terms (f0 and nothing; f90 and the roughness √α): groups of four values. In a scene with lobes about normals of their
@@ -28,7 +29,7 @@ pub enum Storage {
     /// 8 bits a coefficient as the source did: C over −1..1, n over 0..255, albedos over 0..1 sr⁻¹, all clamped.
     #[value(name = "8bit")]
     Bits8,
-    /// 8 bits: C scaled as above, ln n, and albedos over the map's own range.
+    /// 8 bits: C scaled as above, or clamped to −1..1, ln n, and albedos over the map's own range.
     #[value(name = "8bit-scaled")]
     Bits8Scaled,
 }

@@ -136,7 +136,13 @@ fn ball(material: Material) -> Scene {
 
 #[test]
 fn normals_and_sharpening_are_those_of_the_reference_where_nothing_is_shadowed() {
-    let with = |map: SbrdfMap| ball(Material::map(map.into(), glam::Vec2::new(4.0, 2.0)));
+    let lamp = Vec3::new(0.3, 0.8, 0.5).normalize();
+    let sky =
+        Environment::from_function(64, 32, |d| Rgb::splat(0.3 + 6.0 * (20.0 * (d.dot(lamp) - 1.0)).exp()));
+    let with = |map: SbrdfMap| Scene {
+        environment: Some(sky.clone()),
+        ..ball(Material::map(map.into(), glam::Vec2::new(4.0, 2.0)))
+    };
     let scene = with(extended_check());
     let truth = super::super::reference::Settings { samples: 256, ..Default::default() };
     let truth = truth.render(&scene, &scene.camera).unwrap().picture;

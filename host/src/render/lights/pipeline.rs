@@ -16,8 +16,14 @@ use crate::scene::Camera;
 
 /// Seconds that a round of frames may take.
 const ROUND_SECONDS: f64 = 2.0;
-/// The shader, shared with the browser.
-const SHADER: &str = include_str!("../../../../shaders/lights.wgsl");
+/// The shader and its parts.
+const SHADER: &str = concat!(
+    include_str!("../../../../shaders/lights.wgsl"),
+    include_str!("../../../../shaders/lights/texels.wgsl"),
+    include_str!("../../../../shaders/lights/footprint.wgsl"),
+    include_str!("../../../../shaders/lights/shadows.wgsl"),
+    include_str!("../../../../shaders/lights/lamps.wgsl"),
+);
 /// Where there is no light from afar.
 const NOT_DISTANT: &str = "fn distant_of(object: u32, footprint: Footprint, frame: mat3x3f, wo: vec3f) -> vec3f { return vec3f(0.0); }";
 const DEPTH: TextureFormat = TextureFormat::Depth32Float;
