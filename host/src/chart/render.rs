@@ -138,7 +138,7 @@ fn choices(scenes: &[(String, Scene)], charted: &[OfScene]) -> Section {
     };
     Section {
         title: "Chosen for an error".into(),
-        text: "What `lobelia render --max-error E` takes: what its model, measured on a view of 64 pixels, predicted; what it verified itself, by few \
+        text: "What lobelia render --max-error E takes: what its model, measured on a view of 64 pixels, predicted; what it verified itself, by few \
                samples of the reference or the path tracer's own variance; and the error against this chart's reference."
             .into(),
         plots: vec![plot("relative RMSE", errors), plot("time, s", seconds)],

@@ -99,7 +99,7 @@ struct CompositeArgs {
 struct ReplaceArgs {
     /// The map (OpenEXR)
     map: PathBuf,
-    /// PNG or JPEG (sRGB), or Radiance HDR; as large as the map, or a whole number of times as large in both directions
+    /// PNG or JPEG (sRGB), OpenEXR or Radiance HDR (linear); as large as the map, or a whole number of times as large in both directions
     #[arg(long, value_name = "PHOTO")]
     photo: PathBuf,
     /// The map to write, of the photograph's size
@@ -109,7 +109,7 @@ struct ReplaceArgs {
 
 #[derive(Debug, Args)]
 struct PhotoArgs {
-    /// PNG or JPEG (sRGB), or Radiance HDR
+    /// PNG or JPEG (sRGB), OpenEXR or Radiance HDR (linear)
     photo: PathBuf,
     /// The map to write
     #[arg(long, short, value_name = "FILE.exr")]

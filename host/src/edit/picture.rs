@@ -4,6 +4,7 @@ use std::path::Path;
 
 use crate::error::{Error, Result};
 use crate::reflectance::{Rgb, colour};
+use crate::render::Picture;
 
 /// A photograph in linear Rec. 709 colour, row by row from the top.
 #[derive(Debug, Clone, PartialEq)]
@@ -17,11 +18,15 @@ pub struct Photo {
 }
 
 impl Photo {
-    /// Reads a PNG or JPEG, which is taken as sRGB, or a Radiance HDR, which is linear.
+    /// Reads a PNG or JPEG, which is taken as sRGB, or an OpenEXR or a Radiance HDR, which are linear.
     ///
     /// # Errors
     /// Input errors for a file that is missing or of another kind.
     pub fn read(path: &Path) -> Result<Self> {
+        if path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("exr")) {
+            let Picture { width, height, pixels } = Picture::read_exr(path)?;
+            return Ok(Self { width, height, pixels: pixels.iter().map(|pixel| pixel.truncate()).collect() });
+        }
         let image = decode(path)?;
         let linear = matches!(image.color(), image::ColorType::Rgb32F | image::ColorType::Rgba32F);
         let image = image.to_rgb32f();
@@ -83,6 +88,16 @@ mod tests {
         assert!((photo.pixels[5].y - 0.503).abs() < 1e-3);
         let mask = Mask::read(&path).unwrap();
         assert!((mask.share[0] - 188.0 / 255.0).abs() < 1e-4);
+    }
+
+    #[test]
+    fn photographs_in_openexr_are_linear() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("p.exr");
+        exr::prelude::write_rgb_file(&path, 3, 2, |x, y| (x as f32, 0.25, y as f32)).unwrap();
+        let photo = Photo::read(&path).unwrap();
+        assert_eq!((photo.width, photo.height), (3, 2));
+        assert_eq!(photo.pixels[5], Rgb::new(2.0, 0.25, 1.0));
     }
 
     #[test]

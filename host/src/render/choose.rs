@@ -23,8 +23,10 @@ const LARGER: u32 = 2;
 const SMALL_SAMPLES: u32 = 64;
 /// Samples a pixel of the pictures that judge the view itself: so few, since the mean is over many pixels.
 const JUDGING_SAMPLES: u32 = 4;
-/// Samples a pixel at least, so that there is a variance.
-const LEAST_SAMPLES: u32 = 4;
+/// Samples a pixel at least: with fewer, caustics are missed by the view that foretells them and by the one that verifies.
+const LEAST_SAMPLES: u32 = 16;
+/// Samples a pixel come in so many, passes that there is a variance of.
+const PASSES: u32 = 4;
 /// Samples in excess of those that the model asks for, so that most pictures meet the bound at once.
 const RESERVE: f64 = 1.5;
 
@@ -292,8 +294,8 @@ impl Candidate<'_> {
         // Below a bias that is too large no number of samples helps: as many as for twice the bias are shown.
         let room =
             if self.bias < max_error { max_error.powi(2) - self.bias.powi(2) } else { self.bias.powi(2) };
-        let needed = (RESERVE * self.noise * self.noise / room).ceil().max(1.0);
-        let samples = (needed.min(f64::from(limit)) as u32).next_multiple_of(LEAST_SAMPLES);
+        let needed = (RESERVE * self.noise * self.noise / room).ceil().max(f64::from(LEAST_SAMPLES));
+        let samples = (needed.min(f64::from(limit)) as u32).next_multiple_of(PASSES);
         let count = f64::from(samples);
         tried.name += &format!("{samples} samples");
         tried.predicted = [
