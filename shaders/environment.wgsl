@@ -171,18 +171,20 @@ fn distant(object: u32, index: u32, brightest: f32, diffuse: vec3f, frame: mat3x
     let end = starts[index + 1u] - coat_words(object);
     let texel = texel_at(at, brightest);
     var radiance = texel.rho_d * diffuse;
-    for (at += GROUP; at < end; at += 2u * GROUP) {
+    for (at += header_words(); at < end; at += 2u * GROUP) {
         let lobe = lobe_at(at, texel, brightest);
         let peak = peak_of(lobe, wo);
         let size = length(peak);
         if size <= 1e-18 {
             continue;
         }
-        let part = clip(peak.z / size, lobe.n);
+        // Of a lobe that sharpens that at its peak.
+        let own = exponent(lobe, wo.z + max(peak.z / size, 0.0));
+        let part = clip(peak.z / size, own);
         if part.x > 0.0 {
-            let n = clamp((lobe.n + 1.0) * part.z - 1.0, maps[1].n, maps[sky.maps].n);
+            let n = clamp((own + 1.0) * part.z - 1.0, maps[1].n, maps[sky.maps].n);
             let light = lobe_light(frame * turned(peak / size, part.y), n);
-            radiance += lobe.rho_s * light * (pow(size, lobe.n) * part.x * (n + 1.0) / (lobe.n + 1.0));
+            radiance += lobe.rho_s * light * (pow(size, own) * part.x * (n + 1.0) / (own + 1.0));
         }
     }
     for (; at < starts[index + 1u]; at += 2u * GROUP) {

@@ -59,15 +59,19 @@ pub fn average(parts: &[(f32, &LobeBrdf)]) -> LobeBrdf {
     for (weight, brdf) in parts {
         mean.rho_d += *weight * brdf.rho_d;
         mean.beta += weight * brdf.beta;
+        mean.normal += *weight * brdf.normal;
     }
     for place in 0..lobes {
         let have = || parts.iter().filter_map(|(weight, brdf)| Some((*weight, brdf.lobes.get(place)?)));
         let whole: f32 = have().map(|(weight, _)| weight).sum();
-        mean.lobes.push(Lobe::new(
-            have().map(|(weight, lobe)| weight * lobe.rho_s).sum(),
-            have().map(|(weight, lobe)| weight * lobe.c).sum::<Vec3>() / whole,
-            have().map(|(weight, lobe)| weight * lobe.n).sum::<f32>() / whole,
-        ));
+        let exponent = |t| have().map(|(weight, lobe)| weight * lobe.exponent(t)).sum::<f32>() / whole;
+        let sharpens = have().any(|(_, lobe)| lobe.n_grazing.is_some());
+        mean.lobes.push(Lobe {
+            rho_s: have().map(|(weight, lobe)| weight * lobe.rho_s).sum(),
+            c: have().map(|(weight, lobe)| weight * lobe.c).sum::<Vec3>() / whole,
+            n: exponent(1.0),
+            n_grazing: sharpens.then(|| exponent(0.0)),
+        });
     }
     let coats = parts.iter().map(|(_, brdf)| brdf.microfacets.len()).max().unwrap_or(0);
     for place in 0..coats {
@@ -100,5 +104,19 @@ mod tests {
         }
         let fit = fitted(&map, 1, || ());
         assert!(fit.rho_d.iter().zip(&level.rho_d).all(|(a, b)| (*a - *b).abs().max_element() < 1e-6));
+    }
+
+    #[test]
+    fn normals_and_exponents_toward_grazing_are_averaged_too() {
+        let lobe = |n_grazing| Lobe { n_grazing, ..Lobe::new(Rgb::ONE, Vec3::new(-1.0, -1.0, 1.0), 10.0) };
+        let brdf = |x, n_grazing| LobeBrdf {
+            normal: glam::Vec2::new(x, 0.1),
+            lobes: vec![lobe(n_grazing)],
+            ..LobeBrdf::default()
+        };
+        let mean = average(&[(0.25, &brdf(0.2, Some(50.0))), (0.75, &brdf(0.0, None))]);
+        assert!((mean.normal - glam::Vec2::new(0.05, 0.1)).length() < 1e-6);
+        assert_eq!((mean.lobes[0].n, mean.lobes[0].n_grazing), (10.0, Some(20.0)));
+        assert_eq!(average(&[(1.0, &brdf(0.0, None))]).lobes[0].n_grazing, None);
     }
 }

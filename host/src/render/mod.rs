@@ -134,18 +134,6 @@ impl Method {
     }
 }
 
-/// Refuses a scene whose lobes sharpen toward grazing or stand about normals of their own for a method that draws neither.
-fn plain_lobes_only(scene: &Scene, method: &str) -> Result<()> {
-    let extended =
-        |(place, object): (usize, &crate::scene::Object)| Some((place, object.material.extension()?));
-    match scene.objects.iter().enumerate().find_map(extended) {
-        Some((object, what)) => Err(crate::error::Error::input(format!(
-            "object {object}: its material has {what}, which `{method}` does not draw; use --method reference"
-        ))),
-        None => Ok(()),
-    }
-}
-
 /// A scene made ready, the method that did, and why another was passed over.
 pub struct Chosen<'a> {
     /// Ready to render views.
@@ -184,10 +172,6 @@ pub fn prepare<'a>(scene: &'a Scene, method: Method, settings: &Settings) -> Res
         Method::Auto if scene.environment.is_some() => {
             reference(Some("the scene has an environment, which `lights` does not render".into()))
         }
-        Method::Auto if plain_lobes_only(scene, "lights").is_err() => reference(Some(
-            "the scene has lobes with normals of their own or that sharpen, which `lights` does not render"
-                .into(),
-        )),
         Method::Auto => match lights() {
             Ok(prepared) => Ok(Chosen { prepared, method: Method::Lights, note: None }),
             Err(error) if error.kind() == Kind::Input => Err(error),
@@ -196,26 +180,26 @@ pub fn prepare<'a>(scene: &'a Scene, method: Method, settings: &Settings) -> Res
     }
 }
 
+/// A check of a brushed lobe about a normal of its own and of one that sharpens toward grazing.
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::reflectance::LobeBrdf;
-    use crate::scene::{Material, showcase};
+fn extended_check() -> crate::reflectance::SbrdfMap {
+    use crate::reflectance::{Lobe, LobeBrdf, Rgb};
+    let brdf = |c: [f32; 3], n: f32| {
+        let lobe = Lobe::new(Rgb::new(0.5, 0.4, 0.3), c.into(), n);
+        LobeBrdf { rho_d: Rgb::splat(0.05), lobes: vec![lobe], ..LobeBrdf::default() }
+    };
+    let tilted =
+        LobeBrdf { normal: glam::Vec2::new(0.16, -0.08), beta: 0.5, ..brdf([-1.0, -0.7, 0.9], 16.0) };
+    let mut sharpening = brdf([-0.97, -0.97, 1.0], 12.0);
+    sharpening.lobes[0].n_grazing = Some(60.0);
+    crate::scene::showcase::check(&tilted, &sharpening, 3, 5)
+}
 
-    #[test]
-    fn normals_and_sharpening_are_refused_by_the_raster_and_auto_takes_the_reference() {
-        let mut scene = showcase::published(8, 8);
-        scene.environment = None;
-        let plain = crate::reflectance::materials::published("clay").unwrap();
-        let tilted = LobeBrdf { normal: glam::Vec2::new(0.1, 0.0), ..plain.clone() };
-        let mut sharpening = plain;
-        sharpening.lobes[0].n_grazing = Some(90.0);
-        let settings = Settings::default();
-        for (brdf, word) in [(tilted, "normal"), (sharpening, "sharpen")] {
-            scene.objects[0].material = Material::uniform(brdf);
-            let error = prepare(&scene, Method::Lights, &settings).map(|_| ()).unwrap_err();
-            assert!(error.to_string().contains(word) && error.exit_code() == 2, "{error}");
-            assert_eq!(prepare(&scene, Method::Auto, &settings).unwrap().method, Method::Reference);
-        }
-    }
+/// The same without normals and with `n` alone.
+#[cfg(test)]
+fn plain_check() -> crate::reflectance::SbrdfMap {
+    let mut map = extended_check();
+    map.normal.clear();
+    map.lobes.iter_mut().for_each(|plane| plane.n_grazing.clear());
+    map
 }

@@ -1,7 +1,9 @@
-//! Coefficients in fewer bits (stability case G15): f16 and 8 bits against f32. What is written here shaders/lights.wgsl reads.
+//! Coefficients in fewer bits (stability case G15): f16 and 8 bits against f32. What is written here shaders/lights/texels.wgsl
+//! reads.
 //!
-//! A texel is a header (ρ_d and β as tan β/2), its lobes (ρ_s and n; C and nothing) and its microfacet terms (f0 and nothing; f90 and
-//! the roughness √α): groups of four values.
+//! A texel is a header (ρ_d and β as tan β/2), its lobes (ρ_s and n; C and the exponent toward grazing, n again for most) and its
+//! microfacet terms (f0 and nothing; f90 and the roughness √α): groups of four values. In a scene with lobes about normals of their
+//! own or that sharpen the header has a second group, x and y of the normal and nothing.
 
 use std::f32::consts::PI;
 
@@ -21,12 +23,13 @@ pub enum Storage {
     F32,
     /// 16-bit floats.
     F16,
-    /// 16-bit floats, C scaled so that a lobe's largest base is exactly 1; ρ_s is then its peak.
+    /// 16-bit floats, C scaled so that a lobe's largest base is exactly 1; ρ_s is then its peak. A lobe that sharpens toward grazing keeps
+    /// its C: with two exponents no ρ_s makes up for the scale.
     F16Scaled,
     /// 8 bits a coefficient as the source did: C over −1..1, n over 0..255, albedos over 0..1 sr⁻¹, all clamped.
     #[value(name = "8bit")]
     Bits8,
-    /// 8 bits: C scaled as above, ln n, and albedos over the map's own range.
+    /// 8 bits: C scaled as above, or clamped to −1..1, ln n, and albedos over the map's own range.
     #[value(name = "8bit-scaled")]
     Bits8Scaled,
 }
@@ -39,6 +42,8 @@ enum Kind {
     Exponent,
     /// tan β/2, for β within ±90°.
     Beta,
+    /// x or y of a normal.
+    Normal,
     /// √α.
     Roughness,
 }
@@ -91,7 +96,7 @@ impl Storage {
             (Kind::Exponent, false) => ([0.0, 255.0], 255.0),
             (Kind::Exponent, true) => (LOG_EXPONENT.map(f32::ln), 255.0),
             (Kind::C, false) => ([-1.0, 1.0], 255.0),
-            (Kind::C, true) | (Kind::Beta, _) => ([-1.0, 1.0], 254.0),
+            (Kind::C, true) | (Kind::Beta | Kind::Normal, _) => ([-1.0, 1.0], 254.0),
         }
     }
 
@@ -130,8 +135,13 @@ impl Storage {
         }
         let through = |kind| move |value| self.value(kind, self.code(kind, value, brightest), brightest);
         let lobe = |lobe: &Lobe| {
-            let Lobe { rho_s, c, n, .. } = if self.is_scaled() { scaled(lobe) } else { *lobe };
-            Lobe::new(rho_s.map(through(Kind::Albedo)), c.map(through(Kind::C)), through(Kind::Exponent)(n))
+            let Lobe { rho_s, c, n, n_grazing } = if self.is_scaled() { scaled(lobe) } else { *lobe };
+            Lobe {
+                rho_s: rho_s.map(through(Kind::Albedo)),
+                c: c.map(through(Kind::C)),
+                n: through(Kind::Exponent)(n),
+                n_grazing: n_grazing.map(through(Kind::Exponent)),
+            }
         };
         let coat = |coat: &Microfacet| Microfacet {
             f0: coat.f0.map(through(Kind::Albedo)),
@@ -143,12 +153,13 @@ impl Storage {
             beta: 2.0 * through(Kind::Beta)(half_tangent(brdf.beta)).atan(),
             lobes: brdf.lobes.iter().map(lobe).collect(),
             microfacets: brdf.microfacets.iter().map(coat).collect(),
-            normal: brdf.normal,
+            normal: brdf.normal.map(through(Kind::Normal)),
         }
     }
 
-    /// Appends the words of a texel that [`Self::stored`] gave.
-    pub(crate) fn append(self, stored: &LobeBrdf, brightest: f32, words: &mut Vec<u32>) {
+    /// Appends the words of a texel that [`Self::stored`] gave; `extended` where the scene has lobes about normals of their own or
+    /// that sharpen.
+    pub(crate) fn append(self, stored: &LobeBrdf, brightest: f32, extended: bool, words: &mut Vec<u32>) {
         let mut group = |values: [(Kind, f32); 4]| {
             let codes = values.map(|(kind, value)| self.code(kind, value, brightest));
             let a_word = 4 / self.width();
@@ -160,11 +171,15 @@ impl Storage {
         let albedo = |rho: Rgb| rho.to_array().map(|rho| (Kind::Albedo, rho));
         let [r, g, b] = albedo(stored.rho_d);
         group([r, g, b, (Kind::Beta, half_tangent(stored.beta))]);
+        if extended {
+            let [x, y] = stored.normal.to_array();
+            group([x, y, 0.0, 0.0].map(|part| (Kind::Normal, part)));
+        }
         for lobe in stored.lobes.iter().filter(|lobe| lobe.rho_s != Rgb::ZERO) {
             let [r, g, b] = albedo(lobe.rho_s);
             group([r, g, b, (Kind::Exponent, lobe.n)]);
             let [x, y, z] = lobe.c.to_array().map(|c| (Kind::C, c));
-            group([x, y, z, (Kind::C, 0.0)]);
+            group([x, y, z, (Kind::Exponent, lobe.n_grazing.unwrap_or(lobe.n))]);
         }
         for coat in &stored.microfacets {
             let [r, g, b] = albedo(coat.f0);
@@ -205,10 +220,10 @@ fn half_tangent(beta: f32) -> f32 {
 }
 
 /// The same lobe with the largest base over all pairs of directions scaled to 1: ρ_s is then its peak. A lobe whose base is
-/// nowhere positive stays as it is.
+/// nowhere positive stays as it is, and one that sharpens.
 fn scaled(lobe: &Lobe) -> Lobe {
     let largest = lobe.c.x.abs().max(lobe.c.y.abs()).max(lobe.c.z);
-    if largest <= 0.0 {
+    if largest <= 0.0 || lobe.n_grazing.is_some() {
         return *lobe;
     }
     let factor = f64::from(largest).powf(f64::from(lobe.n)) as f32;
@@ -230,7 +245,7 @@ pub(crate) fn brightest_of(material: &Material) -> f32 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use glam::Vec3;
+    use glam::{Vec2, Vec3};
 
     fn lobe(cx: f32, cz: f32, n: f32) -> LobeBrdf {
         let lobe = Lobe::new(Rgb::splat(0.3), Vec3::new(cx, cx, cz), n);
@@ -254,16 +269,26 @@ mod tests {
 
     #[test]
     fn what_is_stored_does_not_change_when_it_is_stored_again() {
-        let brdf = lobe(-1.1, 0.7, 33.0).rotated(2.2);
-        let most = brightest(&brdf);
-        for storage in Storage::ALL {
-            let once = storage.stored(&brdf, most);
+        let plain = lobe(-1.1, 0.7, 33.0).rotated(2.2);
+        let mut extended = LobeBrdf { normal: Vec2::new(0.1, -0.23), ..plain.clone() };
+        extended.lobes[0].n_grazing = Some(70.0);
+        let most = brightest(&plain).max(brightest(&extended));
+        for (storage, brdf) in
+            Storage::ALL.into_iter().flat_map(|storage| [(storage, &plain), (storage, &extended)])
+        {
+            let once = storage.stored(brdf, most);
             let twice = storage.stored(&once, most);
             let error = (once.lobes[0].c - twice.lobes[0].c).abs().max_element()
                 + (once.rho_d - twice.rho_d).abs().max_element()
                 + (once.lobes[0].rho_s / twice.lobes[0].rho_s - Rgb::ONE).abs().max_element()
-                + (once.lobes[0].n / twice.lobes[0].n - 1.0).abs();
+                + (once.lobes[0].n / twice.lobes[0].n - 1.0).abs()
+                + (once.lobes[0].exponent(0.0) / twice.lobes[0].exponent(0.0) - 1.0).abs()
+                + (once.normal - twice.normal).length();
             assert!(error < 1e-5, "{storage:?} {once:?} {twice:?}");
+            // Half a step of 1/127, and of 1/255 of ln 5000 − ln 0.5.
+            let tilt = (once.normal - brdf.normal).abs().max_element();
+            let grazing = (once.lobes[0].exponent(0.0) / brdf.lobes[0].exponent(0.0) - 1.0).abs();
+            assert!(tilt < 4e-3 && grazing < 0.019, "{storage:?} {once:?}");
         }
     }
 
@@ -271,15 +296,17 @@ mod tests {
     fn words_hold_the_bits_of_the_values_from_the_lowest_up() {
         let brdf = Storage::Bits8.stored(&lobe(-1.0, 1.0, 40.0), 1.0);
         let mut words = vec![];
-        Storage::Bits8.append(&brdf, 1.0, &mut words);
+        Storage::Bits8.append(&brdf, 1.0, false, &mut words);
         // ρ_d = 0.1 is step 25.5, ρ_s = 0.3 step 76.5, both rounded up or to the even side by f32.
         let bytes: Vec<[u8; 4]> = words.iter().map(|word| word.to_le_bytes()).collect();
         assert_eq!(bytes.len(), 3);
         assert_eq!((bytes[0][3], bytes[1][3]), (127, 40));
-        assert_eq!(bytes[2], [0, 0, 255, 128]);
-        for (storage, count) in [(Storage::F32, 12), (Storage::F16, 6)] {
+        assert_eq!(bytes[2], [0, 0, 255, 40]);
+        for (storage, extended, count) in
+            [(Storage::F32, false, 12), (Storage::F16, false, 6), (Storage::F16, true, 8)]
+        {
             let mut words = vec![];
-            storage.append(&brdf, 1.0, &mut words);
+            storage.append(&brdf, 1.0, extended, &mut words);
             assert_eq!(words.len(), count);
         }
     }

@@ -267,12 +267,13 @@ impl Material {
         }
     }
 
-    /// What its lobes have beyond one exponent and the surface's normal, in words.
-    pub fn extension(&self) -> Option<&'static str> {
-        match &self.reflectance {
+    /// Whether lobes, those of its levels included, stand about normals of their own or sharpen toward grazing.
+    pub fn is_extended(&self) -> bool {
+        let finest = match &self.reflectance {
             Reflectance::Uniform(brdf) => brdf.extension(),
             Reflectance::Map(map) => map.extension(),
-        }
+        };
+        finest.is_some() || self.levels.iter().any(|level| level.extension().is_some())
     }
 
     /// Refuses coefficients that no renderer can evaluate.

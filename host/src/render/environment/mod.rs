@@ -91,7 +91,6 @@ impl Renderer for Settings {
         self.check()?;
         let start = Instant::now();
         if self.gpu {
-            super::plain_lobes_only(scene, "environment --gpu")?;
             return raster::prepare(scene, self, start);
         }
         let materials = Materials::new(scene);

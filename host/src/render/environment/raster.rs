@@ -79,9 +79,9 @@ fn upload(gpu: &Gpu, light: &Light) -> Result<Distant> {
 mod tests {
     use super::*;
     use crate::reflectance::{LobeBrdf, Microfacet, Rgb};
-    use crate::render::Renderer;
     use crate::render::environment::Encoding;
     use crate::render::lights::cpu;
+    use crate::render::{Renderer, extended_check};
     use crate::scene::{Material, showcase};
 
     /// The showcase, one of its materials with a microfacet term, under a turned sky with a small bright spot, without lamps, at the
@@ -102,15 +102,18 @@ mod tests {
 
     #[test]
     fn the_gpu_agrees_with_its_twin_on_the_cpu_in_every_setting() {
-        let scene = scene();
+        let plain = scene();
+        let mut extended = scene();
+        extended.objects[1].material = Material::map(extended_check().into(), glam::Vec2::splat(4.0));
         let base = Settings { samples: 1, map_error: 0.3, gpu: true, ..Settings::default() };
         let variants = [
-            base,
-            Settings { encoding: Encoding::Mips, horizon: false, ..base },
-            Settings { harmonics: true, ..base },
+            (&plain, base),
+            (&plain, Settings { encoding: Encoding::Mips, horizon: false, ..base }),
+            (&plain, Settings { harmonics: true, ..base }),
+            (&extended, base),
         ];
-        for settings in variants {
-            let rendering = match settings.render(&scene, &scene.camera) {
+        for (scene, settings) in variants {
+            let rendering = match settings.render(scene, &scene.camera) {
                 Ok(rendering) => rendering,
                 Err(error) if error.to_string().contains("no adapter") => {
                     return println!("skipped: {error}");
@@ -118,9 +121,9 @@ mod tests {
                 Err(error) => panic!("{error}"),
             };
             let environment = scene.environment.as_ref().unwrap();
-            let light = Light::new(environment, &Materials::new(&scene), &settings, None).unwrap();
+            let light = Light::new(environment, &Materials::new(scene), &settings, None).unwrap();
             let distant = |surface: &_, shader: &_| light.reflected(surface, shader);
-            let twin = cpu::render_with(&scene, &drawn(&settings), &distant).unwrap();
+            let twin = cpu::render_with(scene, &drawn(&settings), &distant).unwrap();
             let pixels = rendering.picture.pixels.iter().zip(&twin.pixels);
             let mut errors: Vec<f32> = pixels
                 .filter(|(gpu, cpu)| gpu.w == cpu.w)

@@ -6,8 +6,9 @@ use glam::Vec3;
 
 use super::*;
 use crate::chart::environment::{DIRECTIONS, MAP_EXPONENTS};
-use crate::reflectance::{Brdf, Lobe, LobeBrdf, Microfacet};
-use crate::scene::Environment;
+use crate::reflectance::{Brdf, Lobe, LobeBrdf, Microfacet, SbrdfMap};
+use crate::render::{extended_check, plain_check};
+use crate::scene::{Environment, Material};
 
 /// Radiance reflected by a BRDF on a surface that faces +y, by quadrature; sample frame x = +x, y = −z, z = +y.
 fn quadrature(environment: &Environment, brdf: &LobeBrdf, view: Vec3) -> Rgb {
@@ -121,15 +122,42 @@ fn both_encodings_agree_and_the_diffuse_term_equals_quadrature() {
     assert!((nine / expected - Rgb::ONE).abs().max_element() < 0.09, "{nine} {expected}");
 }
 
-#[test]
-fn a_picture_is_close_to_the_reference_where_nothing_is_shadowed() {
+/// The showcase's ball alone under a sky.
+fn ball(material: Material) -> Scene {
     let mut scene = crate::scene::showcase::published(32, 24);
     scene.lights.clear();
     scene.objects.retain(|object| object.name == "ball");
-    scene.objects[0].material = crate::scene::Material::uniform(phong(20.0));
+    scene.objects[0].material = material;
     scene.environment = Some(Environment::from_function(64, 32, |d| {
         Rgb::new(0.6 + 0.4 * d.x, 0.5, 0.4 + (8.0 * (d.y - 1.0)).exp())
     }));
+    scene
+}
+
+#[test]
+fn normals_and_sharpening_are_those_of_the_reference_where_nothing_is_shadowed() {
+    let lamp = Vec3::new(0.3, 0.8, 0.5).normalize();
+    let sky =
+        Environment::from_function(64, 32, |d| Rgb::splat(0.3 + 6.0 * (20.0 * (d.dot(lamp) - 1.0)).exp()));
+    let with = |map: SbrdfMap| Scene {
+        environment: Some(sky.clone()),
+        ..ball(Material::map(map.into(), glam::Vec2::new(4.0, 2.0)))
+    };
+    let scene = with(extended_check());
+    let truth = super::super::reference::Settings { samples: 256, ..Default::default() };
+    let truth = truth.render(&scene, &scene.camera).unwrap().picture;
+    let error = |map| {
+        let picture = Settings::default().render(&with(map), &scene.camera).unwrap().picture;
+        super::super::compare::compare(&picture, &truth).unwrap().relative_rmse
+    };
+    let [extended, plain] = [extended_check(), plain_check()].map(error);
+    println!("relative RMSE against the reference: {extended}, without normals and sharpening {plain}");
+    assert!(extended < 0.05 && plain > 2.0 * extended, "{extended} {plain}");
+}
+
+#[test]
+fn a_picture_is_close_to_the_reference_where_nothing_is_shadowed() {
+    let scene = ball(Material::uniform(phong(20.0)));
     let rendering = Settings::default().render(&scene, &scene.camera).unwrap();
     let truth = super::super::reference::Settings { samples: 256, ..Default::default() };
     let truth = truth.render(&scene, &scene.camera).unwrap();

@@ -94,7 +94,6 @@ impl Settings {
     /// Input errors for a scene that [`Scene::check`] refuses, and for counts of 0.
     fn scene(&self, scene: &Scene) -> Result<Scene> {
         scene.check()?;
-        super::plain_lobes_only(scene, "lights")?;
         if self.samples == 0 || self.anisotropy == 0 || self.light_samples == 0 {
             return Err(Error::input("lights: samples, anisotropy and light samples must be 1 or more"));
         }
@@ -107,10 +106,11 @@ impl Settings {
             match self.filtering {
                 Filtering::Finest | Filtering::Shaded => material.levels.clear(),
                 Filtering::Fitted if !material.levels.is_empty() => {}
-                Filtering::Fitted if !map.microfacets.is_empty() => {
-                    return Err(Error::input(
-                        "lights: MIP levels of a map with a microfacet term cannot be fitted; use --filter shaded",
-                    ));
+                Filtering::Fitted if !map.microfacets.is_empty() || map.extension().is_some() => {
+                    let what = map.extension().unwrap_or("a microfacet term");
+                    return Err(Error::input(format!(
+                        "lights: MIP levels of a map with {what} cannot be fitted; use --filter shaded"
+                    )));
                 }
                 Filtering::Fitted => {
                     let fitted = || levels::all_fitted(map).into_iter().map(Arc::new).collect();

@@ -16,8 +16,14 @@ use crate::scene::Camera;
 
 /// Seconds that a round of frames may take.
 const ROUND_SECONDS: f64 = 2.0;
-/// The shader, shared with the browser.
-const SHADER: &str = include_str!("../../../../shaders/lights.wgsl");
+/// The shader and its parts.
+const SHADER: &str = concat!(
+    include_str!("../../../../shaders/lights.wgsl"),
+    include_str!("../../../../shaders/lights/texels.wgsl"),
+    include_str!("../../../../shaders/lights/footprint.wgsl"),
+    include_str!("../../../../shaders/lights/shadows.wgsl"),
+    include_str!("../../../../shaders/lights/lamps.wgsl"),
+);
 /// Where there is no light from afar.
 const NOT_DISTANT: &str = "fn distant_of(object: u32, footprint: Footprint, frame: mat3x3f, wo: vec3f) -> vec3f { return vec3f(0.0); }";
 const DEPTH: TextureFormat = TextureFormat::Depth32Float;
@@ -69,7 +75,7 @@ impl Pass {
         layouts.extend(distant.map(|distant| layout(gpu, distant.buffers.len() as u32)));
         let shader = distant.map_or(NOT_DISTANT, |distant| distant.shader);
         Ok(Self {
-            pipelines: pipelines(gpu, &layouts, (format, samples), settings, shader),
+            pipelines: pipelines(gpu, &layouts, (format, samples), settings, uploads.extended, shader),
             distant: distant.map(|distant| bind(gpu, &layouts[1], distant.buffers.iter())),
             layout: layouts.swap_remove(0),
             buffers: [
@@ -253,6 +259,7 @@ fn pipelines(
     layouts: &[wgpu::BindGroupLayout],
     (format, samples): (TextureFormat, u32),
     settings: &Settings,
+    extended: bool,
     distant: &str,
 ) -> [wgpu::RenderPipeline; 2] {
     let module = gpu.device.create_shader_module(wgpu::ShaderModuleDescriptor {
@@ -268,6 +275,7 @@ fn pipelines(
     let constants = [
         ("GROUP", settings.storage.group() as f64),
         ("SCALED", flag(settings.storage == Storage::Bits8Scaled)),
+        ("EXTENDED", flag(extended)),
         ("COEFFICIENTS", flag(settings.filtering == Filtering::Coefficients)),
         ("SHADED", flag(settings.filtering == Filtering::Shaded)),
         ("ANISOTROPY", f64::from(settings.anisotropy)),

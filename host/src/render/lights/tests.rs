@@ -7,8 +7,8 @@ use glam::{Affine3A, Vec2, Vec3};
 use super::*;
 use crate::reflectance::{Lobe, LobeBrdf, Microfacet, Rgb};
 use crate::render::compare::{compare, relative_rmse_by};
-use crate::render::reference;
-use crate::scene::{Background, Light, Mask, Material, Object, shapes, showcase};
+use crate::render::{extended_check, plain_check, reference};
+use crate::scene::{Background, Light, Mask, Material, Object, Reflectance, shapes, showcase};
 
 /// The showcase with a third light and a rectangular one, without its environment.
 fn lit(width: u32, height: u32) -> Scene {
@@ -178,12 +178,13 @@ fn no_sample_of_a_triangle_seen_edge_on_is_beyond_measure() {
 
 #[test]
 fn counts_and_levels_that_cannot_be_are_refused() {
-    let scene = coated(8, 6);
     let base = Settings::default();
-    for settings in [
-        Settings { anisotropy: 0, ..base },
-        Settings { light_samples: 0, ..base },
-        Settings { filtering: Filtering::Fitted, ..base },
+    let fitted = Settings { filtering: Filtering::Fitted, ..base };
+    for (scene, settings) in [
+        (coated(8, 6), Settings { anisotropy: 0, ..base }),
+        (coated(8, 6), Settings { light_samples: 0, ..base }),
+        (coated(8, 6), fitted),
+        (checked(8, 6, extended_check()), fitted),
     ] {
         assert_eq!(cpu::render(&scene, &settings).unwrap_err().exit_code(), 2);
     }
@@ -198,8 +199,8 @@ fn coated(width: u32, height: u32) -> Scene {
         ..crate::reflectance::materials::published("clay").unwrap()
     };
     scene.objects[0].material.reflectance =
-        crate::scene::Reflectance::Map(showcase::check(&with(0.3), &with(0.1), 3, 5).into());
-    scene.objects[1].material.reflectance = crate::scene::Reflectance::Uniform(with(0.05));
+        Reflectance::Map(showcase::check(&with(0.3), &with(0.1), 3, 5).into());
+    scene.objects[1].material.reflectance = Reflectance::Uniform(with(0.05));
     scene
 }
 
@@ -212,6 +213,60 @@ fn microfacet_terms_agree_with_the_twin_in_every_storage() {
         let Some([median, most]) = differences(&scene, settings, [0.5, 0.97]) else { return };
         assert!(median < 1e-4 && most < 5e-3, "{settings:?} {median} {most}");
     }
+}
+
+/// The floor with another map, which light from beyond it makes shine.
+fn checked(width: u32, height: u32, map: SbrdfMap) -> Scene {
+    let mut scene = floor(width, height);
+    scene.lights[0] =
+        Light::Directional { toward: Vec3::new(0.1, 0.35, -0.9).normalize(), irradiance: Rgb::ONE };
+    scene.objects[0].material.reflectance = Reflectance::Map(map.into());
+    scene
+}
+
+#[test]
+fn normals_and_sharpening_agree_with_the_twin_in_every_filter_and_storage() {
+    let mut scene = checked(64, 48, extended_check());
+    scene.objects[1].material.reflectance = Reflectance::Uniform(extended_check().texel(0).rotated(0.9));
+    let filters = [Filtering::Finest, Filtering::Coefficients]
+        .map(|filtering| Settings { filtering, ..Settings::default() });
+    let stored = Storage::ALL.map(|storage| Settings { storage, ..Settings::default() });
+    for settings in filters.into_iter().chain(stored) {
+        // Where the number of samples of a footprint changes, rounding decides for one or the other.
+        let Some([median, most]) = differences(&scene, settings, [0.5, 0.97]) else { return };
+        assert!(median < 1e-4 && most < 5e-3, "{settings:?} {median} {most}");
+    }
+}
+
+#[test]
+fn levels_alone_may_have_normals() {
+    let mut scene = checked(64, 48, plain_check());
+    scene.objects[0].material.levels =
+        (1..=4).map(|level| levels::averaged(&extended_check(), level).into()).collect();
+    let fitted = Settings { filtering: Filtering::Fitted, ..Settings::default() };
+    if let Some([median, most]) = differences(&scene, fitted, [0.5, 0.97]) {
+        assert!(median < 1e-4 && most < 5e-3, "{median} {most}");
+    }
+}
+
+#[test]
+fn normals_and_sharpening_are_those_of_the_path_tracer() {
+    let scene = |map| {
+        let mut scene = checked(32, 24, map);
+        scene.objects.truncate(1);
+        scene.lights.truncate(3);
+        // Texels larger than a pixel.
+        scene.objects[0].material.tiling = Vec2::splat(0.5);
+        scene
+    };
+    let [extended, plain] = [extended_check(), plain_check()].map(scene);
+    let error = error_of_direct_light(&extended, &Settings::default(), 16);
+    let pictures = [&plain, &extended].map(|scene| cpu::render(scene, &Settings::default()).unwrap());
+    let change = compare(&pictures[0], &pictures[1]).unwrap().relative_rmse;
+    println!(
+        "relative RMSE against the path tracer: {error}; without normals and sharpening {change} from it"
+    );
+    assert!(error < 0.05 && change > 0.2, "{error} {change}");
 }
 
 /// Relative RMSE of the mean over 4 × 4 pixels of the twin, which has one sample a pixel, by noisy pictures of the path tracer's

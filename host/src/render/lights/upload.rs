@@ -89,6 +89,8 @@ pub(super) struct Uploads {
     /// The run of triangles of every object and rectangular light, and whether parts of it are cut out.
     pub(super) runs: Vec<(Range<u32>, bool)>,
     pub(super) offset: f32,
+    /// Whether any material has lobes about normals of their own or that sharpen.
+    pub(super) extended: bool,
 }
 
 impl Uploads {
@@ -101,6 +103,7 @@ impl Uploads {
             starts: vec![],
             words: vec![],
             offset: geometry::offset(&mesh),
+            extended: scene.objects.iter().any(|object| object.material.is_extended()),
             mesh,
             nodes: vec![],
             leaves: vec![],
@@ -139,7 +142,7 @@ impl Uploads {
         for mut brdf in material.brdfs() {
             brdf.microfacets.resize(coats, Microfacet { f0: Rgb::ZERO, f90: Rgb::ZERO, alpha: 1.0 });
             self.starts.push(self.words.len() as u32);
-            storage.append(&brdf, brightest, &mut self.words);
+            storage.append(&brdf, brightest, self.extended, &mut self.words);
             lobes = lobes.max(brdf.lobes.iter().filter(|lobe| lobe.rho_s != Rgb::ZERO).count() as u32);
         }
         let (width, height) = match &material.reflectance {
