@@ -91,14 +91,9 @@ impl Settings {
     /// The scene as it is drawn: with the MIP levels that the filter takes, in the coefficients that storage leaves.
     ///
     /// # Errors
-    /// Input errors for a scene that [`Scene::check`] refuses or that its environment alone lights, and for counts of 0.
+    /// Input errors for a scene that [`Scene::check`] refuses, and for counts of 0.
     fn scene(&self, scene: &Scene) -> Result<Scene> {
         scene.check()?;
-        if scene.lights.is_empty() && scene.environment.is_some() {
-            return Err(Error::input(
-                "the scene is lit by its environment alone, which `lights` does not draw; use --method environment or reference",
-            ));
-        }
         if self.samples == 0 || self.anisotropy == 0 || self.light_samples == 0 {
             return Err(Error::input("lights: samples, anisotropy and light samples must be 1 or more"));
         }
@@ -167,6 +162,11 @@ fn projection(camera: &Camera) -> Mat4 {
 
 impl Renderer for Settings {
     fn prepare<'a>(&self, scene: &'a Scene) -> Result<Box<dyn Prepared + 'a>> {
+        if scene.lights.is_empty() && scene.environment.is_some() {
+            return Err(Error::input(
+                "the scene is lit by its environment alone, which `lights` does not draw; use --method environment or reference",
+            ));
+        }
         Ok(Box::new(Lights::new(self, scene, Gpu::open()?, None)?))
     }
 }

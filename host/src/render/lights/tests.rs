@@ -310,3 +310,11 @@ fn rectangular_lights_are_those_of_the_path_tracer() {
     // What is left is the edges, which 16 samples a pixel do not meet exactly.
     assert!(many < 0.05 && many < 0.5 * one, "{one} {many}");
 }
+
+#[test]
+fn a_scene_that_its_environment_alone_lights_is_refused() {
+    let mut scene = showcase::published(8, 8);
+    scene.lights.clear();
+    let error = Settings::default().prepare(&scene).map(|_| ()).unwrap_err();
+    assert!(error.to_string().contains("environment alone") && error.exit_code() == 2, "{error}");
+}
