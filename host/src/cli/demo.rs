@@ -13,7 +13,7 @@ use crate::report::Report;
 #[derive(Debug, Args)]
 pub(super) struct DemoArgs {
     /// Folder for all that the demo makes; an earlier demo there is replaced
-    #[arg(long, default_value = "demo-out")]
+    #[arg(short = 'o', long, alias = "output", default_value = "demo-out")]
     out: PathBuf,
     /// How much to measure
     #[arg(long, value_enum, default_value_t = Size::Medium)]
