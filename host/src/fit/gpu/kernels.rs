@@ -15,7 +15,15 @@ use crate::error::Result;
 use crate::render::gpu::Gpu;
 
 /// The shader; constants are put before it.
-const SHADER: &str = include_str!("../../../../shaders/fit.wgsl");
+const SHADER: &str = concat!(
+    include_str!("../../../../shaders/fit.wgsl"),
+    include_str!("../../../../shaders/fit/linear.wgsl"),
+    include_str!("../../../../shaders/fit/shapes.wgsl"),
+    include_str!("../../../../shaders/fit/columns.wgsl"),
+    include_str!("../../../../shaders/fit/normal.wgsl"),
+    include_str!("../../../../shaders/fit/solver.wgsl"),
+    include_str!("../../../../shaders/fit/start.wgsl"),
+);
 /// Sets a submission: drivers end work that takes seconds.
 const SETS: u32 = 2048;
 /// Directions of the bank of starts, as in the shader.
