@@ -25,7 +25,7 @@ const SMALL_SAMPLES: u32 = 64;
 const JUDGING_SAMPLES: u32 = 4;
 /// Samples a pixel at least: with fewer, caustics are missed by the view that foretells them and by the one that verifies.
 const LEAST_SAMPLES: u32 = 16;
-/// Samples a pixel come in so many, passes that there is a variance of.
+/// Passes that the path tracer's variance is told from; samples a pixel are a multiple of it.
 const PASSES: u32 = 4;
 /// Samples in excess of those that the model asks for, so that most pictures meet the bound at once.
 const RESERVE: f64 = 1.5;

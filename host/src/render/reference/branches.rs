@@ -188,6 +188,8 @@ fn best(variances: &[[f32; PARTS]], cost: [f32; PARTS]) -> Vec<u32> {
 
 #[cfg(test)]
 mod tests {
+    use super::super::trace::Tracer;
+    use super::super::{Pixel, Rays};
     use super::*;
 
     /// Mean cost times mean variance.
@@ -213,6 +215,26 @@ mod tests {
                 assert!(product(&variances, cost, &changed) > 0.998 * least, "{place}: {other}");
             }
         }
+    }
+
+    #[test]
+    fn branches_lower_the_noise_and_leave_the_mean() {
+        let scene = crate::scene::showcase::published(12, 9);
+        let tracer = Tracer::new(&scene, 4);
+        let picture = |branches: u32, seed: u32| {
+            let rays = Rays::new(&scene.camera);
+            let view =
+                View { tracer: &tracer, rays, seed, width: 12, pass: 16, branches: vec![branches; 12 * 9] };
+            let mut pixels = vec![Pixel::default(); 12 * 9];
+            for pass in 1..=8 {
+                view.add(&mut pixels, pass, |_| ());
+            }
+            let mean = pixels.iter().map(|pixel| colour::luminance(pixel.mean.truncate())).sum::<f32>();
+            (mean, pixels.iter().map(|pixel| colour::luminance(pixel.spread)).sum::<f32>())
+        };
+        let [(one, noise), (eight, less)] = [picture(1, 1), picture(8, 2)];
+        assert!((eight / one - 1.0).abs() < 0.02, "{one} {eight}");
+        assert!(less < 0.9 * noise, "{noise} {less}");
     }
 
     #[test]
