@@ -1,14 +1,15 @@
 //! Directional albedo a(ω_i) = ∫ f(ω_i, ω_o) cosθ_o dω_o: the share of the light from one direction that is reflected. Above 1 a
 //! material makes energy, which cosine lobes can at grazing incidence.
 //!
-//! About its peak p = C ω_i a lobe is |p|ⁿ cosⁿγ. With u = cosⁿ⁺¹γ even in 0..1 and the azimuth about the peak in closed form one sum over
-//! u is left.
+//! About its peak p = C ω_i a lobe is |p|ⁿ cosⁿγ, of which [`clipped`] has the part above the horizon.
+
+mod clipped;
 
 use glam::{DVec3, Vec3};
 
-use crate::{Lobe, LobeBrdf, Rgb, lobe::into_lobe_frame};
+use crate::{LobeBrdf, Rgb, lobe::into_lobe_frame};
 
-/// Parts of the sum over u: errors below 0.1 % (see the test).
+/// Parts of the sum over the angle from the peak of a lobe that sharpens.
 const PARTS: usize = 64;
 /// Azimuths about the peak of a lobe that sharpens, whose exponent differs round it.
 const AZIMUTHS: usize = 32;
@@ -17,16 +18,26 @@ const MOST_LOG: f64 = 80.0;
 /// Parts along each axis for a microfacet term, whose samples weigh F G / G₁: errors below 0.5 %.
 const MICROFACET_PARTS: usize = 24;
 
-/// The polar angles, degrees, at which [`largest`] looks.
+/// The polar angles, degrees, at which [`largest`] looks: close together toward grazing, where sharp lobes change fast.
 pub const INCIDENCES_DEG: [f64; 19] = [
-    0.0, 5.0, 10.0, 15.0, 20.0, 25.0, 30.0, 35.0, 40.0, 45.0, 50.0, 55.0, 60.0, 65.0, 70.0, 75.0, 80.0, 85.0,
-    89.0,
+    0.0, 10.0, 20.0, 30.0, 40.0, 50.0, 58.0, 64.0, 69.0, 73.0, 76.0, 79.0, 81.5, 84.0, 86.0, 87.5, 88.5,
+    89.3, 89.8,
 ];
 
 /// Directional albedo of a lobe of ρ_s = 1 with its largest base at 1, for light from a direction in the lobe's own frame, whose
 /// z is the surface's normal.
 pub fn lobe(c: DVec3, n: f64, wi: DVec3) -> f64 {
     about(c * wi, n, DVec3::Z)
+}
+
+/// As [`lobe`], on a surface whose normal, in the lobe's own frame, is another, and with the exponents of a lobe that sharpens, if it does:
+/// those of (6.19) at t = 1 and t = 0.
+pub fn lobe_on(c: DVec3, [n, n_grazing]: [f64; 2], wi: DVec3, normal: DVec3) -> f64 {
+    if n == n_grazing {
+        about(c * wi, n, normal)
+    } else {
+        sharpening([n, n_grazing], c * wi, wi.dot(normal), normal)
+    }
 }
 
 /// As [`lobe`], of a lobe with the peak C ω_i on a surface of a given normal.
@@ -36,23 +47,7 @@ fn about(peak: DVec3, n: f64, normal: DVec3) -> f64 {
         return 0.0;
     }
     let up = peak.dot(normal) / length;
-    let across = (1.0 - up * up).max(0.0).sqrt();
-    let mut sum = 0.0;
-    for part in 0..PARTS {
-        let cos = ((part as f64 + 0.5) / PARTS as f64).powf(1.0 / (n + 1.0));
-        let sin = (1.0 - cos * cos).max(0.0).sqrt();
-        // The mean of max(0, a + b cosφ) over φ.
-        let (a, b) = (up * cos, across * sin);
-        sum += if a >= b {
-            a
-        } else if a > -b {
-            let edge = (-a / b).acos();
-            (a * edge + b * edge.sin()) / std::f64::consts::PI
-        } else {
-            0.0
-        };
-    }
-    (n * length.ln()).min(MOST_LOG).exp() * std::f64::consts::TAU / (n + 1.0) * sum / PARTS as f64
+    (n * length.ln()).min(MOST_LOG).exp() * std::f64::consts::TAU / (n + 1.0) * clipped::mean_cosine(up, n)
 }
 
 /// Directional albedo a channel for light from `wi`, above the surface.
@@ -69,28 +64,27 @@ pub fn directional(brdf: &LobeBrdf, wi: Vec3) -> Rgb {
         }
     }
     let frame = |direction| into_lobe_frame(direction, brdf.normal, brdf.beta).as_dvec3();
-    let (cos_i, wi, normal) = (f64::from(wi.z), frame(wi), frame(Vec3::Z));
+    let (wi, normal) = (frame(wi), frame(Vec3::Z));
     for lobe in &brdf.lobes {
-        let peak = lobe.c.as_dvec3() * wi;
-        let of_one = match lobe.n_grazing {
-            None => about(peak, f64::from(lobe.n), normal),
-            Some(_) => sharpening(lobe, peak, cos_i, normal),
-        };
-        albedo += lobe.rho_s * of_one as f32;
+        let exponents = [lobe.n, lobe.n_grazing.unwrap_or(lobe.n)].map(f64::from);
+        albedo += lobe.rho_s * lobe_on(lobe.c.as_dvec3(), exponents, wi, normal) as f32;
     }
     albedo
 }
 
 /// As [`about`], of a lobe that sharpens: directions are spread as the exponent at the peak would have it, and weigh what the
 /// exponent in their own direction makes of them.
-fn sharpening(lobe: &Lobe, peak: DVec3, cos_i: f64, normal: DVec3) -> f64 {
+fn sharpening([n_normal, n_grazing]: [f64; 2], peak: DVec3, cos_i: f64, normal: DVec3) -> f64 {
     let length = peak.length();
     if length < 1e-9 {
         return 0.0;
     }
     let axis = peak / length;
     let (x, y) = axis.any_orthonormal_pair();
-    let exponent = |cos_o: f64| f64::from(lobe.exponent((0.5 * (cos_i + cos_o.max(0.0))) as f32));
+    let exponent = |cos_o: f64| {
+        let t = 0.5 * (cos_i + cos_o.max(0.0));
+        n_normal * t + n_grazing * (1.0 - t)
+    };
     // The least of both ends: weights then stay bounded.
     let n = exponent(0.0).min(exponent(1.0));
     let mut sum = 0.0;
@@ -137,7 +131,7 @@ pub fn largest(brdf: &LobeBrdf) -> Rgb {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{Brdf, Microfacet, materials};
+    use crate::{Brdf, Lobe, Microfacet, materials};
 
     /// The midpoint rule over the hemisphere.
     fn brute(brdf: &LobeBrdf, wi: Vec3) -> Rgb {

@@ -8,16 +8,19 @@ use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use clap::{Args, ValueEnum};
+use rayon::prelude::*;
 
 use crate::error::{Error, Result};
 use crate::fit::chunks::{self, Part};
 use crate::fit::extensions::{Extensions, Microfacets};
 use crate::fit::figures::ErrorFigure;
 use crate::fit::weights::Weights;
-use crate::fit::{Device, Diffuse, FitOptions, MOST_LOBES, Method, Residual, gpu, mip};
-use crate::reflectance::SbrdfMap;
+use crate::fit::{AlbedoBound, Device, Diffuse, FitOptions, MOST_LOBES, Method, Residual, gpu, mip};
+use crate::reflectance::{SbrdfMap, albedo};
 use crate::sampled::SampledStore;
 
+/// Directional albedo from which on a texel counts as making light: the error of a measurement's scale and of sums is below.
+const MAKES_LIGHT: f32 = 1.02;
 /// Lobes where the method cannot choose: what most materials need and no start fails on.
 const AUTO_LOBES: usize = 2;
 
@@ -73,10 +76,13 @@ pub(super) struct FitArgs {
     /// Take the diffuse term from this percentile of a texel's samples instead of fitting it with the lobes
     #[arg(long, value_name = "PERCENT")]
     pub(super) diffuse_percentile: Option<f64>,
-    /// Fit texels or wavelengths that reflect more than they receive from some direction again, so that they do not: directional
-    /// albedo at most 1 at incidences from 0° to 89°. What that costs is printed and reported
-    #[arg(long)]
+    /// Hold the directional albedo of every texel or wavelength to 1, to 0.1 %. Without it the limit is 1.015, for the error of the
+    /// measurement's scale. What that costs is printed and reported
+    #[arg(long, conflicts_with = "no_bound")]
     pub(super) conserve_energy: bool,
+    /// Let texels and wavelengths reflect more light than they receive. Where no pose looked, such fits may be off by any factor
+    #[arg(long)]
+    pub(super) no_bound: bool,
     /// Wavelengths of a table to fit, nm; three of them can be written as red, green and blue, the longest as red. Without it 450, 550
     /// and 650, or the one of a table that has no other
     #[arg(long, value_delimiter = ',', value_name = "NM,…")]
@@ -209,6 +215,14 @@ impl FitArgs {
         }
     }
 
+    fn bound(&self) -> AlbedoBound {
+        match (self.no_bound, self.conserve_energy) {
+            (true, _) => AlbedoBound::Free,
+            (_, true) => AlbedoBound::Conserved,
+            _ => AlbedoBound::Bounded,
+        }
+    }
+
     fn method(&self, residual: Residual) -> Method {
         match self.method {
             MethodName::LineSearch => Method::LineSearch,
@@ -326,7 +340,7 @@ fn fit_sampled(args: &FitArgs, input: &Path) -> Result<FitOutcome> {
         "{texels} texels × {poses} poses, {} by {}{device}: {seconds:.1} s\n{}",
         lobes_in_words(&map, &options),
         options.method.name(),
-        outcome.residuals() + &energy_in_words(&map) + &mirrors_in_words(&map) + &ties_in_words(&map)
+        outcome.residuals() + &albedos_in_words(&map) + &mirrors_in_words(&map) + &ties_in_words(&map)
     ))?;
     Ok(outcome)
 }
@@ -352,7 +366,7 @@ fn sampled_options(args: &FitArgs) -> Result<FitOptions> {
         residual,
         weights,
         device: if args.device == DeviceName::Gpu { Device::Gpu } else { Device::Cpu },
-        conserve_energy: args.conserve_energy,
+        bound: args.bound(),
         extensions: Extensions {
             normals: args.normals,
             sharpening: args.sharpening,
@@ -423,23 +437,51 @@ fn ties_in_words(map: &SbrdfMap) -> String {
     }
 }
 
-/// How many texels were held to an albedo of 1, and at what price; empty where that was not asked for.
-fn energy_in_words(map: &SbrdfMap) -> String {
-    let Some((held, median)) = energy_price(map) else { return String::new() };
+/// How many texels make no light only because they are held to that, and at what price; of a free fit how many make light.
+fn albedos_in_words(map: &SbrdfMap) -> String {
     let texels = map.width * map.height;
-    format!(
-        "albedo held to 1 in {held} of {texels} texels, at a median price of {:.2} % of the samples' RMS there\n",
-        100.0 * median
-    )
+    match bound_prices(map) {
+        Some(prices) if prices.is_empty() => String::new(),
+        Some(prices) => format!(
+            "bounded: {} of {texels} texels would reflect more light than they receive where no pose looked; holding them costs {:.2} % of the samples' RMS in median, {:.2} % at most\n",
+            prices.len(),
+            100.0 * quantile(&prices, 0.5),
+            100.0 * quantile(&prices, 1.0)
+        ),
+        None => match making_light(map) {
+            (0, _) => String::new(),
+            (count, largest) => format!(
+                "not to be trusted: {count} of {texels} texels reflect more light than they receive, up to {largest:.3} times; leave out --no-bound\n"
+            ),
+        },
+    }
 }
 
-/// The texels that were changed so that they make no energy, and the median rise of their relative residual.
-fn energy_price(map: &SbrdfMap) -> Option<(usize, f64)> {
-    let (prices, held) = (map.extra.get("error.energy_price")?, map.extra.get("energy_held")?);
+/// By how much the relative residual rose in each texel that was changed so that it makes no light, ascending; none after a free fit.
+fn bound_prices(map: &SbrdfMap) -> Option<Vec<f32>> {
+    let (prices, bounded) = (map.extra.get("error.bound_price")?, map.extra.get("bounded")?);
     let mut prices: Vec<f32> =
-        prices.iter().zip(held).filter(|pair| *pair.1 > 0.0).map(|pair| *pair.0).collect();
+        prices.iter().zip(bounded).filter(|pair| *pair.1 > 0.0).map(|pair| *pair.0).collect();
     prices.sort_by(f32::total_cmp);
-    Some((prices.len(), prices.get(prices.len() / 2).map_or(0.0, |&price| f64::from(price))))
+    Some(prices)
+}
+
+/// The texels whose directional albedo is above [`MAKES_LIGHT`], and the largest albedo.
+fn making_light(map: &SbrdfMap) -> (usize, f32) {
+    let albedos = (0..map.width * map.height).into_par_iter().map(|texel| albedo::largest(&map.texel(texel)));
+    albedos
+        .map(|albedo| albedo.max_element())
+        .fold(
+            || (0, 0.0f32),
+            |(count, largest), albedo| (count + usize::from(albedo > MAKES_LIGHT), largest.max(albedo)),
+        )
+        .reduce(|| (0, 0.0), |a, b| (a.0 + b.0, a.1.max(b.1)))
+}
+
+/// A quantile of ascending values; 0 without any.
+fn quantile(sorted: &[f32], share: f64) -> f64 {
+    let place = (share * sorted.len() as f64) as usize;
+    sorted.get(place.min(sorted.len().saturating_sub(1))).map_or(0.0, |&value| f64::from(value))
 }
 
 impl FitOutcome {
@@ -467,9 +509,7 @@ fn sampled_outcome(map: &SbrdfMap, seconds: f64) -> FitOutcome {
     let over = format!("{} texels", relative.len());
     let mut outcome = FitOutcome::default();
     for (name, share) in [("residual_relative_median", 0.5), ("residual_relative_p95", 0.95)] {
-        let place = ((relative.len() as f64 * share) as usize).min(relative.len().saturating_sub(1));
-        let value = relative.get(place).map_or(0.0, |&error| f64::from(error));
-        let mut figure = ErrorFigure::new(name, value, "1", over.clone());
+        let mut figure = ErrorFigure::new(name, quantile(&relative, share), "1", over.clone());
         for key in ["lobes", "method", "residual"] {
             let text = map.attributes.get(&format!("fit.{key}")).map_or("unknown", String::as_str);
             figure = match text.parse::<usize>() {
@@ -479,11 +519,14 @@ fn sampled_outcome(map: &SbrdfMap, seconds: f64) -> FitOutcome {
         }
         outcome.errors.push(figure);
     }
-    if let Some((held, median)) = energy_price(map) {
-        let over = format!("{held} texels held to an albedo of 1");
-        outcome.errors.push(ErrorFigure::new("energy_price_median", median, "1", over));
-        outcome.figures.insert("texels_held".into(), held.into());
+    if let Some(prices) = bound_prices(map) {
+        let over = format!("{} texels held to the bound on albedo", prices.len());
+        for (name, share) in [("bound_price_median", 0.5), ("bound_price_largest", 1.0)] {
+            outcome.errors.push(ErrorFigure::new(name, quantile(&prices, share), "1", over.clone()));
+        }
+        outcome.figures.insert("texels_bounded".into(), prices.len().into());
     }
+    outcome.figures.insert("texels_making_light".into(), making_light(map).0.into());
     outcome.figures.insert("texels".into(), texels.into());
     outcome.figures.insert("texels_tied".into(), tied(map).into());
     outcome.figures.insert("texels_with_mirror".into(), mirrors(map).into());

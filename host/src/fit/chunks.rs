@@ -398,7 +398,7 @@ mod tests {
         weights: Weights::Pose,
         robust: false,
         device: crate::fit::Device::Cpu,
-        conserve_energy: false,
+        bound: crate::fit::AlbedoBound::Bounded,
         extensions: crate::fit::extensions::Extensions {
             normals: false,
             sharpening: false,

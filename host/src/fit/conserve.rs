@@ -1,7 +1,7 @@
-//! The optional constraint that no light is made: directional albedo (see [`albedo`]) at most 1 at every incidence, in every channel.
+//! No light is made, for fits that are no variable projection: directional albedo (see [`albedo`]) at most a limit at every incidence, in every channel.
 //!
 //! A fit that breaks it is optimised again, shapes and colours together, by Levenberg–Marquardt on its own residual with penalties
-//! (√μ (ln a)₊ an incidence and channel, μ rising); what is left above 1, some thousandths, is scaled away. It works alike for texels
+//! (√μ (ln a)₊ an incidence and channel, μ rising); what is left above the limit, some thousandths, is scaled away. It works alike for texels
 //! and tables and for any residual; derivatives are differences, since only fits that break the law come here.
 
 use glam::DVec3;
@@ -14,8 +14,8 @@ use crate::reflectance::{Lobe, LobeBrdf, Microfacet, Rgb, albedo};
 
 /// How far an albedo may pass 1: the accuracy of the sums.
 pub const TOLERANCE: f32 = 1e-3;
-/// Albedo that is aimed at, a little below 1.
-const GOAL: f64 = 0.998;
+/// Albedo that is aimed at, of the limit.
+const SHORT_OF: f64 = 0.998;
 /// Weights of the squared penalty against the cost of a black fit, one after the other.
 const PENALTIES: [f64; 3] = [0.1, 1.0, 10.0];
 /// Most steps for each of them, and the share of the cost below which one is the last.
@@ -30,30 +30,32 @@ const MOST_SCALED: f32 = 1e12;
 /// Step of differences.
 const STEP: f64 = 1e-5;
 
-/// The BRDF with no albedo above 1; none where it needs no change. `targets` has one entry for each of `channels`, which are those
+/// The BRDF with no albedo above `limit`; none where it needs no change. `targets` has one entry for each of `channels`, which are those
 /// of the BRDF's colours that the samples are of.
 pub fn conserve(
     brdf: &LobeBrdf,
     samples: &Samples,
     channels: &[usize],
     targets: &[Target],
+    limit: f64,
 ) -> Option<LobeBrdf> {
     let largest = albedo::largest(brdf);
-    if channels.iter().all(|&channel| largest[channel] <= 1.0 + TOLERANCE) {
+    if channels.iter().all(|&channel| largest[channel] <= limit as f32 + TOLERANCE) {
         return None;
     }
-    let problem = Problem::new(brdf, samples, channels, targets);
+    let problem = Problem { goal: SHORT_OF * limit, ..Problem::new(brdf, samples, channels, targets) };
     let mut x = problem.start();
     let size = problem.size();
     for penalty in PENALTIES {
         problem.minimise(&mut x, (penalty * size).sqrt());
     }
-    Some(scaled(problem.point(&x).to_brdf()))
+    Some(scaled(problem.point(&x).to_brdf(), limit as f32))
 }
 
-/// Scales channels whose albedo is above 1.
-fn scaled(mut brdf: LobeBrdf) -> LobeBrdf {
-    let factor = Rgb::ONE / albedo::largest(&brdf).max(Rgb::ONE);
+/// Scales channels whose albedo is above `limit`.
+fn scaled(mut brdf: LobeBrdf, limit: f32) -> LobeBrdf {
+    let limit = Rgb::splat(limit);
+    let factor = limit / albedo::largest(&brdf).max(limit);
     brdf.rho_d *= factor;
     brdf.lobes.iter_mut().for_each(|lobe| lobe.rho_s *= factor);
     for coat in &mut brdf.microfacets {
@@ -79,8 +81,8 @@ pub fn squares(brdf: &LobeBrdf, samples: &Samples) -> (f64, f64) {
 struct Point {
     rho_d: DVec3,
     beta: f64,
-    /// ρ_s, C and n.
-    lobes: Vec<(DVec3, DVec3, f64)>,
+    /// ρ_s, C and the exponents at t = 1 and t = 0 (6.19), which differ where the lobe sharpens.
+    lobes: Vec<(DVec3, DVec3, [f64; 2])>,
     /// f0, f90 and α.
     coats: Vec<(DVec3, DVec3, f64)>,
 }
@@ -91,7 +93,11 @@ impl From<&LobeBrdf> for Point {
         Self {
             rho_d: brdf.rho_d.as_dvec3(),
             beta: f64::from(brdf.beta),
-            lobes: lobes.map(|l| (l.rho_s.as_dvec3(), l.c.as_dvec3(), f64::from(l.n))).collect(),
+            lobes: lobes
+                .map(|l| {
+                    (l.rho_s.as_dvec3(), l.c.as_dvec3(), [l.n, l.n_grazing.unwrap_or(l.n)].map(f64::from))
+                })
+                .collect(),
             coats: coats.map(|m| (m.f0.as_dvec3(), m.f90.as_dvec3(), f64::from(m.alpha))).collect(),
         }
     }
@@ -102,10 +108,11 @@ impl Point {
     fn value(&self, turned: &Turned, samples: &Samples, k: usize) -> DVec3 {
         let products = turned.products(samples, k);
         let mut value = self.rho_d;
-        for &(rho_s, c, n) in &self.lobes {
+        let t = samples.mean_cosine(k);
+        for &(rho_s, c, [n, grazing]) in &self.lobes {
             let base = c.dot(products);
             if base > 0.0 {
-                value += rho_s * (n * base.ln()).exp();
+                value += rho_s * ((n * t + grazing * (1.0 - t)) * base.ln()).exp();
             }
         }
         for &(f0, f90, alpha) in &self.coats {
@@ -116,7 +123,10 @@ impl Point {
     }
 
     fn to_brdf(&self) -> LobeBrdf {
-        let lobe = |&(rho_s, c, n): &(DVec3, DVec3, f64)| Lobe::new(rho_s.as_vec3(), c.as_vec3(), n as f32);
+        let lobe = |&(rho_s, c, [n, grazing]): &(DVec3, DVec3, [f64; 2])| Lobe {
+            n_grazing: (grazing != n).then_some(grazing as f32),
+            ..Lobe::new(rho_s.as_vec3(), c.as_vec3(), n as f32)
+        };
         let coat = |&(f0, f90, alpha): &(DVec3, DVec3, f64)| Microfacet {
             f0: f0.as_vec3(),
             f90: f90.as_vec3(),
@@ -140,8 +150,8 @@ impl Point {
         }
         let (sin, cos) = self.beta.sin_cos();
         let wi = DVec3::new(cos * wi.x + sin * wi.y, cos * wi.y - sin * wi.x, wi.z);
-        for &(rho_s, c, n) in &self.lobes {
-            sum += rho_s * albedo::lobe(c, n, wi);
+        for &(rho_s, c, exponents) in &self.lobes {
+            sum += rho_s * albedo::lobe_on(c, exponents, wi, DVec3::Z);
         }
         sum
     }
@@ -156,6 +166,8 @@ struct Problem<'a> {
     channels: &'a [usize],
     targets: &'a [Target],
     incidences: Vec<DVec3>,
+    /// Albedo that is aimed at.
+    goal: f64,
 }
 
 impl<'a> Problem<'a> {
@@ -163,7 +175,8 @@ impl<'a> Problem<'a> {
         let isotropic = brdf.lobes.iter().all(|lobe| lobe.c.x == lobe.c.y);
         // The scale that C and ρ_s share: steps are about as long for all lobes where the largest |C| is 1.
         let scaled = |lobe: &Lobe| {
-            let same = lobe.normalised();
+            // Of a lobe that sharpens the length of C counts.
+            let same = if lobe.n_grazing.is_some() { *lobe } else { lobe.normalised() };
             if same.rho_s.max_element() < MOST_SCALED { same } else { *lobe }
         };
         let lobes = brdf.lobes.iter().map(scaled).collect();
@@ -176,7 +189,15 @@ impl<'a> Problem<'a> {
             .iter()
             .flat_map(|&turn| INCIDENCES_DEG.map(|degrees| direction(degrees, turn)))
             .collect();
-        Self { brdf: LobeBrdf { lobes, ..brdf.clone() }, isotropic, samples, channels, targets, incidences }
+        Self {
+            brdf: LobeBrdf { lobes, ..brdf.clone() },
+            isotropic,
+            samples,
+            channels,
+            targets,
+            incidences,
+            goal: SHORT_OF,
+        }
     }
 
     /// The logarithms of a colour's channels that are not black.
@@ -193,6 +214,7 @@ impl<'a> Problem<'a> {
             let c = lobe.c.as_dvec3();
             x.extend(if self.isotropic { vec![c.x, c.z] } else { c.to_array().to_vec() });
             x.push(f64::from(lobe.n).ln());
+            x.extend(lobe.n_grazing.map(|grazing| f64::from(grazing).ln()));
         }
         for coat in &self.brdf.microfacets {
             x.extend(self.logs(coat.f0));
@@ -224,7 +246,10 @@ impl<'a> Problem<'a> {
             let cx = next();
             let cy = if self.isotropic { cx } else { next() };
             let c = DVec3::new(cx, cy, next());
-            point.lobes.push((rho_s, c, next().exp().clamp(EXPONENTS[0], EXPONENTS[1])));
+            let mut exponent = || next().exp().clamp(EXPONENTS[0], EXPONENTS[1]);
+            let n = exponent();
+            let grazing = if lobe.n_grazing.is_some() { exponent() } else { n };
+            point.lobes.push((rho_s, c, [n, grazing]));
         }
         for coat in &self.brdf.microfacets {
             let (f0, f90) = (lit(coat.f0, &mut next), lit(coat.f90, &mut next));
@@ -262,7 +287,7 @@ impl<'a> Problem<'a> {
             for &wi in &self.incidences {
                 let albedo = point.albedo(wi);
                 residuals.extend(
-                    self.channels.iter().map(|&channel| weight * (albedo[channel] / GOAL).max(1.0).ln()),
+                    self.channels.iter().map(|&channel| weight * (albedo[channel] / self.goal).max(1.0).ln()),
                 );
             }
         }
@@ -346,11 +371,11 @@ mod tests {
         let truth = materials::published("brushed-metal").unwrap();
         let samples = testing::samples(&testing::directions(150, 5), |wi, wo| truth.eval(wi, wo));
         let targets = targets(&samples, Residual::Proportional);
-        let held = conserve(&truth, &samples, &[0, 1, 2], &targets).unwrap();
+        let held = conserve(&truth, &samples, &[0, 1, 2], &targets, 1.0).unwrap();
         let largest = albedo::largest(&held);
         assert!(largest.max_element() <= 1.0 + TOLERANCE, "{largest}");
         let (price, darkened) =
-            (relative_error(&held, &truth), relative_error(&scaled(truth.clone()), &truth));
+            (relative_error(&held, &truth), relative_error(&scaled(truth.clone(), 1.0), &truth));
         assert!(price < 0.02 && darkened > 0.2, "{price} {darkened}");
     }
 
@@ -359,12 +384,12 @@ mod tests {
         let clay = LobeBrdf::diffuse(Rgb::splat(0.5));
         let samples = testing::samples(&testing::directions(60, 6), |wi, wo| clay.eval(wi, wo));
         let of = targets(&samples, Residual::Linear);
-        assert_eq!(conserve(&clay, &samples, &[0, 1, 2], &of), None);
+        assert_eq!(conserve(&clay, &samples, &[0, 1, 2], &of, 1.0), None);
         let lobe = Lobe::new(Rgb::new(2.4, 2.0, 1.6), glam::Vec3::new(-1.1, -0.8, 0.9), 6.0);
         let metal = LobeBrdf { beta: 0.4, lobes: vec![lobe], ..LobeBrdf::diffuse(Rgb::splat(0.3)) };
         let samples = testing::samples(&testing::directions(80, 6), |wi, wo| metal.eval(wi, wo));
         let of = targets(&samples, Residual::Linear);
-        let held = conserve(&metal, &samples, &[0, 1, 2], &of).unwrap();
+        let held = conserve(&metal, &samples, &[0, 1, 2], &of, 1.0).unwrap();
         let (before, after) = (albedo::largest(&metal), albedo::largest(&held));
         assert!(before.x > 1.1 && after.max_element() <= 1.0 + TOLERANCE, "{before} {after}");
         assert!((held.beta - 0.4).abs() < 0.1, "{}", held.beta);

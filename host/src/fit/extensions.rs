@@ -45,7 +45,7 @@ impl Extensions {
     /// Refuses what goes with no plain fit.
     ///
     /// # Errors
-    /// Another method than the separable one, the GPU, conservation of energy, lobes of separate channels.
+    /// Another method than the separable one, the GPU, lobes of separate channels.
     pub(super) fn check(options: &FitOptions) -> Result<()> {
         if options.extensions.is_none() {
             return Ok(());
@@ -54,8 +54,6 @@ impl Extensions {
             "need the separable method"
         } else if options.device == Device::Gpu {
             "are fitted on the CPU alone; use --device cpu"
-        } else if options.conserve_energy {
-            "cannot be held to an albedo of 1; leave out --conserve-energy"
         } else if options.separate_channels {
             "are shared by the channels; leave out --separate-channels"
         } else {

@@ -44,6 +44,35 @@ pub fn substitute(a: &[f64], b: &mut [f64]) {
     }
 }
 
+/// Solves A x = b for any regular matrix, given row by row, in place, by elimination with row exchanges; false where it is singular.
+pub fn solve(a: &mut [f64], b: &mut [f64]) -> bool {
+    let size = b.len();
+    let largest = a.iter().fold(0.0f64, |largest, x| largest.max(x.abs()));
+    for column in 0..size {
+        let pivot = (column..size)
+            .max_by(|&i, &j| a[i * size + column].abs().total_cmp(&a[j * size + column].abs()))
+            .unwrap_or(column);
+        let value = a[pivot * size + column];
+        if value.is_nan() || value.abs() <= 1e-14 * largest {
+            return false;
+        }
+        if pivot != column {
+            (0..size).for_each(|k| a.swap(pivot * size + k, column * size + k));
+            b.swap(pivot, column);
+        }
+        for row in column + 1..size {
+            let factor = a[row * size + column] / value;
+            (column..size).for_each(|k| a[row * size + k] -= factor * a[column * size + k]);
+            b[row] -= factor * b[column];
+        }
+    }
+    for row in (0..size).rev() {
+        let known: f64 = (row + 1..size).map(|k| a[row * size + k] * b[k]).sum();
+        b[row] = (b[row] - known) / a[row * size + row];
+    }
+    true
+}
+
 /// Eigenvectors of a symmetric matrix of `size` rows, as columns of `vectors`, by Jacobi's rotations; `a` keeps the eigenvalues on its diagonal.
 pub fn eigen(a: &mut [f64], vectors: &mut [f64], size: usize) {
     for (k, entry) in vectors.iter_mut().enumerate() {
@@ -144,6 +173,19 @@ mod tests {
     }
 
     proptest! {
+        #[test]
+        fn any_regular_system_is_solved(entries in prop::collection::vec(-1f64..1.0, 16), x in prop::array::uniform4(-1f64..1.0)) {
+            let mut b: [f64; 4] = std::array::from_fn(|i| (0..4).map(|j| entries[4 * i + j] * x[j]).sum());
+            let mut a = entries.clone();
+            if solve(&mut a, &mut b) {
+                for i in 0..4 {
+                    let value: f64 = (0..4).map(|j| entries[4 * i + j] * b[j]).sum();
+                    let expected: f64 = (0..4).map(|j| entries[4 * i + j] * x[j]).sum();
+                    prop_assert!((value - expected).abs() < 1e-8 * (1.0 + b.iter().fold(0.0f64, |m, b| m.max(b.abs()))));
+                }
+            }
+        }
+
         #[test]
         fn eigenvectors_are_orthogonal_and_turn_the_matrix_into_its_eigenvalues(
             entries in prop::collection::vec(-1f64..1.0, 15),

@@ -19,6 +19,7 @@ pub mod linear;
 pub mod lm;
 pub mod mip;
 pub mod model;
+pub mod quadratic;
 pub mod random;
 pub mod samples;
 pub mod separable;
@@ -103,6 +104,39 @@ pub enum Diffuse {
     Joint,
     /// This percentile of the samples, channel by channel.
     Percentile(f64),
+}
+
+/// What the directional albedo of a fit is held to at every incidence, also where no pose looked.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum AlbedoBound {
+    /// Nothing.
+    Free,
+    /// 1, with 1.5 % for the error of the measurement's scale.
+    #[default]
+    Bounded,
+    /// 1, to 0.1 %.
+    Conserved,
+}
+
+impl AlbedoBound {
+    /// The largest directional albedo; none where the fit is free, as the published line search always is.
+    pub fn limit(self, method: Method) -> Option<f64> {
+        match self {
+            _ if method == Method::LineSearch => None,
+            Self::Free => None,
+            Self::Bounded => Some(1.015),
+            Self::Conserved => Some(1.0),
+        }
+    }
+
+    /// The name in maps.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Free => "free",
+            Self::Bounded => "bounded",
+            Self::Conserved => "conserved",
+        }
+    }
 }
 
 /// The scale on which fitted and measured values are compared: the fit minimises Σ w (g(f̂) − g(f))².
@@ -216,8 +250,8 @@ pub struct FitOptions {
     pub robust: bool,
     /// What fits.
     pub device: Device,
-    /// Whether texels with a directional albedo above 1 are fitted again so that they have none ([`conserve`]).
-    pub conserve_energy: bool,
+    /// What directional albedos are held to.
+    pub bound: AlbedoBound,
     /// What texels may have beyond lobes of one exponent about the surface's normal.
     pub extensions: Extensions,
 }
@@ -235,13 +269,18 @@ impl Default for FitOptions {
             weights: Weights::Pose,
             robust: false,
             device: Device::Cpu,
-            conserve_energy: false,
+            bound: AlbedoBound::default(),
             extensions: Extensions::default(),
         }
     }
 }
 
 impl FitOptions {
+    /// The largest directional albedo that a fit may have.
+    pub fn largest_albedo(&self) -> Option<f64> {
+        self.bound.limit(self.method)
+    }
+
     /// Refuses what no method can do.
     ///
     /// # Errors
@@ -309,8 +348,8 @@ impl FitOptions {
 }
 
 /// Fits every texel in parallel. Beside the coefficients the map has the planes `error.rms` (sr⁻¹), `error.relative` and
-/// `samples` (valid ones a texel), where any does not tell all of its shapes' coefficients `tied` ([`separable::prior`]: how many were not), where lobes are chosen and a mirror was met `mirror.R`, `.G`, `.B` and `mirror.poses` ([`separable::mirror`]), and after the separable fit a standard deviation a coefficient, `sigma.rho_d.R` and so on. Where energy is to be conserved, `energy_held` marks the texels
-/// that were changed for it (their standard deviations are 0: unknown) and `error.energy_price` says by how much `error.relative` rose. The result is the same byte for byte whatever the number of threads.
+/// `samples` (valid ones a texel), where any does not tell all of its shapes' coefficients `tied` ([`separable::prior`]: how many were not), where lobes are chosen and a mirror was met `mirror.R`, `.G`, `.B` and `mirror.poses` ([`separable::mirror`]), and after the separable fit a standard deviation a coefficient, `sigma.rho_d.R` and so on. Unless albedos are free, `bounded` marks the texels
+/// that were changed so that they make no light and `error.bound_price` says by how much `error.relative` rose for it. The result is the same byte for byte whatever the number of threads.
 ///
 /// # Errors
 /// Input errors: options that no method can do, or not one valid sample in any texel.
@@ -337,27 +376,12 @@ fn fit_window(sampled: &SampledSbrdf, options: &FitOptions, done: impl Fn() + Sy
             "the sampled SBRDF has no standard deviations to weigh by (array sigma); use --weights pose";
         return Err(Error::input(message));
     }
-    let mut fits = match options.method {
+    let fits = match options.method {
         Method::Separable if options.device == Device::Gpu => gpu::fit(sampled, options, &done)?,
         Method::Separable => fit_blocks(sampled, options, &done),
         Method::Lm | Method::Ratio | Method::LineSearch => fit_texels(sampled, options, &done),
     };
-    let free: Vec<f64> = fits.iter().map(|fit| fit.relative).collect();
-    if options.conserve_energy {
-        fits.par_iter_mut().enumerate().for_each_init(samples::Samples::default, |samples, (index, fit)| {
-            let left_out = fit.mirror.as_ref().map_or(&[][..], |mirror| &mirror.poses);
-            load(samples, sampled, index, options, left_out);
-            texel::hold(fit, samples, options);
-        });
-    }
-    let mut map = map_of(sampled, options, &fits);
-    if options.conserve_energy {
-        let price = |(fit, free): (&TexelFit, &f64)| (fit.relative - free) as f32;
-        map.extra.insert("error.energy_price".into(), fits.iter().zip(&free).map(price).collect());
-        let held = |fit: &TexelFit| f32::from(u8::from(fit.held));
-        map.extra.insert("energy_held".into(), fits.iter().map(held).collect());
-    }
-    Ok(map)
+    Ok(map_of(sampled, options, &fits))
 }
 
 /// Texel by texel.
@@ -496,6 +520,10 @@ fn map_of(sampled: &SampledSbrdf, options: &FitOptions, fits: &[TexelFit]) -> Sb
             f32::from(u8::from(fit.brdf.lobes.iter().any(|lobe| lobe.c.x != lobe.c.y)))
         });
     }
+    if options.largest_albedo().is_some() {
+        plane("bounded", |fit| f32::from(u8::from(fit.bound_price.is_some())));
+        plane("error.bound_price", |fit| fit.bound_price.unwrap_or(0.0) as f32);
+    }
     if fits.iter().any(|fit| fit.tied > 0) {
         map.extra.insert("tied".into(), fits.iter().map(|fit| fit.tied as f32).collect());
     }
@@ -522,7 +550,7 @@ fn map_of(sampled: &SampledSbrdf, options: &FitOptions, fits: &[TexelFit]) -> Sb
         ("fit.isotropic", options.isotropic.to_string()),
         ("fit.weights", options.weights.name().to_string()),
         ("fit.robust", options.robust.to_string()),
-        ("fit.conserve_energy", options.conserve_energy.to_string()),
+        ("fit.bound", options.bound.name().to_string()),
         ("texel_mm", sampled.texel_mm.to_string()),
     ] {
         map.attributes.insert(key.into(), value);

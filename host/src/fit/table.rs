@@ -13,7 +13,7 @@ use super::model::Model;
 use super::random::Random;
 use super::samples::{Samples, Target};
 use super::start::{Effort, Problem, Search};
-use super::{Method, PERCENTILE, Residual, conserve, diffuse, evaluate, line_search};
+use super::{AlbedoBound, Method, PERCENTILE, Residual, conserve, diffuse, evaluate, line_search};
 use crate::error::{Error, Result};
 use crate::progress;
 use crate::reflectance::{LobeBrdf, MeasuredTable, Microfacet, Rgb};
@@ -56,8 +56,8 @@ pub struct TableOptions {
     pub random_starts: usize,
     /// Seed of the random starts.
     pub seed: u64,
-    /// Whether a fit with a directional albedo above 1 is made again so that it has none.
-    pub conserve_energy: bool,
+    /// What directional albedos are held to.
+    pub bound: AlbedoBound,
 }
 
 /// Errors over some rows.
@@ -182,10 +182,8 @@ fn check(table: &MeasuredTable, sizes: &[Size], options: &TableOptions) -> Resul
         if size.microfacet && options.method == Method::LineSearch {
             return Err(Error::input("the line search fits no microfacet term; use --method lm"));
         }
-        if size.sharpening && (options.method == Method::LineSearch || options.conserve_energy) {
-            return Err(Error::input(
-                "lobes that sharpen need --method lm and go without --conserve-energy, which knows lobes of one exponent",
-            ));
+        if size.sharpening && options.method == Method::LineSearch {
+            return Err(Error::input("the line search fits no lobes that sharpen; use --method lm"));
         }
     }
     let near = |row: &crate::reflectance::table::TableRow, held: f64| {
@@ -242,8 +240,9 @@ fn one(
         found
     };
     let mut free = None;
-    if options.conserve_energy
-        && let Some(held) = conserve::conserve(&coloured(&model, Rgb::X), &training, &[0], &[target.clone()])
+    if let Some(limit) = options.bound.limit(options.method)
+        && let Some(held) =
+            conserve::conserve(&coloured(&model, Rgb::X), &training, &[0], &[target.clone()], limit)
     {
         free = Some(errors(&training, &model));
         model = Model::from(&held);
@@ -358,7 +357,7 @@ mod tests {
             hold_out_theta_deg: vec![30.0],
             random_starts: 4,
             seed: 1,
-            conserve_energy: false,
+            bound: AlbedoBound::Bounded,
         }
     }
 
@@ -485,7 +484,7 @@ mod tests {
             let f = f64::from(metal.eval(row.wi().as_vec3(), row.wo().as_vec3()).x);
             row.values = vec![f, f];
         }
-        let options = TableOptions { conserve_energy: true, ..options() };
+        let options = TableOptions { bound: AlbedoBound::Conserved, ..options() };
         let held = fit(&table, &[400.0], &[ONE], Take::Size(ONE), &options).unwrap().remove(0);
         let largest = crate::reflectance::albedo::largest(&coloured(&held.model, Rgb::ONE)).x;
         assert!(largest <= 1.0 + conserve::TOLERANCE, "{largest}");
@@ -511,8 +510,6 @@ mod tests {
         assert!(fits[1].chosen && fits[1].training.log_rms < 1e-3, "{fits:?}");
         let found = fits[1].model.lobes[0];
         assert!((found.n - 15.0).abs() < 0.1 && (found.n_grazing.unwrap() - 60.0).abs() < 0.5, "{found:?}");
-        let conserving = TableOptions { conserve_energy: true, ..options() };
-        assert_eq!(fit(&table, &[400.0], &sizes, Take::Choose, &conserving).unwrap_err().exit_code(), 2);
     }
 
     #[test]

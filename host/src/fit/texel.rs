@@ -36,8 +36,8 @@ pub struct TexelFit {
     pub mirror: Option<Mirror>,
     /// Combinations of the shapes' coefficients that the samples do not tell and a prior decided; the separable fit alone has one.
     pub tied: usize,
-    /// Whether the fit was changed so that it makes no energy.
-    pub held: bool,
+    /// By how much `relative` rose where the fit had to be changed so that it makes no light; none where it did not.
+    pub bound_price: Option<f64>,
 }
 
 /// The channels that share their lobes' shapes, and what the shapes are fitted to.
@@ -81,21 +81,35 @@ pub fn fit(workspace: &mut Workspace, options: &FitOptions) -> TexelFit {
     }
     let rms = (error / (3 * count).max(1) as f64).sqrt();
     let relative = if whole > 0.0 { (error / whole).sqrt() } else { 0.0 };
-    TexelFit { brdf, rms, relative, samples: count, sigma: None, mirror: None, tied: 0, held: false }
+    let mut fit = TexelFit {
+        brdf,
+        rms,
+        relative,
+        samples: count,
+        sigma: None,
+        mirror: None,
+        tied: 0,
+        bound_price: None,
+    };
+    if let Some(limit) = options.largest_albedo() {
+        hold(&mut fit, &workspace.samples, options, limit);
+    }
+    fit
 }
 
-/// Fits a texel with a directional albedo above 1 again so that it has none, and measures its error again.
-pub(super) fn hold(fit: &mut TexelFit, samples: &Samples, options: &FitOptions) {
+/// Fits a texel with a directional albedo above `limit` again so that it has none, and measures its error again.
+fn hold(fit: &mut TexelFit, samples: &Samples, options: &FitOptions, limit: f64) {
     let targets: [Target; 3] = std::array::from_fn(|channel| {
         let mut target = Target::default();
         target.set(samples, samples.rgb.iter().map(|rgb| rgb[channel]), options.residual);
         target
     });
-    let Some(brdf) = conserve::conserve(&fit.brdf, samples, &[0, 1, 2], &targets) else { return };
+    let Some(brdf) = conserve::conserve(&fit.brdf, samples, &[0, 1, 2], &targets, limit) else { return };
     let (error, whole) = conserve::squares(&brdf, samples);
+    let free = fit.relative;
     fit.rms = (error / (3 * samples.len()).max(1) as f64).sqrt();
     fit.relative = if whole > 0.0 { (error / whole).sqrt() } else { 0.0 };
-    (fit.brdf, fit.sigma, fit.held) = (brdf, None, true);
+    (fit.brdf, fit.sigma, fit.bound_price) = (brdf, None, Some((fit.relative - free).max(0.0)));
 }
 
 /// The lobes asked for, or as many as `count` samples can tell apart.

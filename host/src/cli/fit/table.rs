@@ -54,7 +54,7 @@ pub(super) fn fit(args: &FitArgs, input: &Path, seed: u64) -> Result<FitOutcome>
         hold_out_theta_deg: args.hold_out_theta_deg.clone(),
         random_starts: args.random_starts,
         seed,
-        conserve_energy: args.conserve_energy,
+        bound: args.bound(),
     };
     let measured = MeasuredTable::read(input).map_err(|error| Error::input(error.to_string()))?;
     let wavelengths_nm = match (&args.wavelengths_nm[..], &measured.wavelengths_nm[..]) {

@@ -108,10 +108,7 @@ fn wrong_inputs_end_with_a_sentence_and_exit_code_2() {
             .contains("no microfacet term")
     );
     assert!(refused(&table_text(), &["--normals"]).contains("tables are isotropic"));
-    assert!(refused(&table_text(), &["--sharpening", "--conserve-energy"]).contains("--conserve-energy"));
-    for (with, says) in
-        [("--method=lm", "separable"), ("--conserve-energy", "--conserve-energy"), ("--device=gpu", "CPU")]
-    {
+    for (with, says) in [("--method=lm", "separable"), ("--device=gpu", "CPU")] {
         let arguments = ["a.zarr", "-o", "a.exr", "--normals", "--residual=linear", with];
         let texels = fit_input(&parsed(&arguments), 1).unwrap_err();
         assert!(texels.exit_code() == 2 && texels.to_string().contains(says), "{texels}");
@@ -144,13 +141,16 @@ fn brushed_metal_is_held_to_what_arrives_and_the_price_is_reported() {
         let map = SbrdfMap::read_exr(&output).unwrap();
         crate::reflectance::albedo::largest(&map.texel(1)).max_element()
     };
-    fit_input(&parsed(&arguments), 1).unwrap();
+    let free = fit_input(&parsed(&[&arguments[..], &["--no-bound"]].concat()), 1).unwrap();
     assert!(albedo() > 1.1, "{}", albedo());
+    assert_eq!(free.figures["texels_making_light"], 2);
+    fit_input(&parsed(&arguments), 1).unwrap();
+    assert!(albedo() <= 1.02, "{}", albedo());
     let outcome = fit_input(&parsed(&[&arguments[..], &["--conserve-energy"]].concat()), 1).unwrap();
     assert!(albedo() <= 1.0 + crate::fit::conserve::TOLERANCE, "{}", albedo());
-    let price = outcome.errors.iter().find(|error| error.name == "energy_price_median").unwrap();
+    let price = outcome.errors.iter().find(|error| error.name == "bound_price_median").unwrap();
     assert!(price.value > 0.0 && price.value < 0.5, "{price:?}");
-    assert!(outcome.figures["texels_held"].as_u64().unwrap() >= 1);
+    assert!(outcome.figures["texels_bounded"].as_u64().unwrap() >= 1);
 }
 
 #[test]

@@ -85,6 +85,11 @@ fn tilt(normal: DVec2) -> (DMat3, [DMat3; 2]) {
     (turn, slopes)
 }
 
+/// The turn from z to a normal.
+pub(super) fn turn_to(normal: DVec2) -> DMat3 {
+    tilt(normal).0
+}
+
 /// The coefficients of a symmetric matrix in the six products.
 fn coefficients(m: DMat3) -> [f64; 6] {
     [m.x_axis.x, m.y_axis.y, m.z_axis.z, m.y_axis.x, m.z_axis.x, m.z_axis.y]

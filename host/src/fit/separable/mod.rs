@@ -5,11 +5,15 @@
 //! sample, not to a channel: the proportional residual takes them from the sample's luminance, and s_c makes up for how much
 //! darker or brighter the channel is on the whole.
 //!
-//! From the outside in: [`texel`] fits one texel, [`start`] finds where to begin, with a [`bank`] of shapes, [`solver`] optimises, [`normal`] does the small linear
-//! algebra on the products of the [`columns`] that [`shape`] defines over the [`data`], with [`math`] that vectorises; [`extended`] has what a model may have beyond plain lobes, and [`extend`] says when; [`robust`] weighs outliers less; [`uncertainty`] says how sure the result is, [`choice`] how many lobes it takes, [`mirror`] finds peaks that no lobe should be fitted to, [`prior`] decides what the poses do not tell.
+//! From the outside in: [`texel`] fits one texel, [`climb`] goes from simpler fits to larger ones, [`start`] finds where to begin, with a [`bank`] of shapes, [`solver`] optimises, [`normal`] does the small linear
+//! algebra on the products of the [`columns`] that [`shape`] defines over the [`data`], with [`math`] that vectorises; [`extended`] has what a model may have beyond plain lobes, and [`extend`] says when; [`robust`] weighs outliers less; [`bound`] keeps directional albedos below 1, [`uncertainty`] says how sure the result is, [`choice`] how many lobes it takes, [`mirror`] finds peaks that no lobe should be fitted to, [`prior`] decides what the poses do not tell.
 
 pub mod bank;
+pub mod bound;
+#[cfg(test)]
+mod bound_tests;
 pub mod choice;
+pub mod climb;
 pub mod columns;
 pub mod data;
 pub mod extend;
@@ -20,6 +24,8 @@ pub mod math;
 pub mod mirror;
 pub mod normal;
 pub mod prior;
+#[cfg(all(test, feature = "sim"))]
+mod rig_tests;
 pub mod robust;
 pub mod shape;
 pub mod solver;

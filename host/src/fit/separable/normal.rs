@@ -3,6 +3,7 @@
 
 use super::super::linear;
 use super::super::model::Model;
+use super::bound::Pressing;
 use super::columns::{CHANNELS, COMMON, Gram, MOST_LOBES, MOST_TERMS, PER_LOBE, WIDTH};
 use super::extended::Extension;
 use super::shape::{Family, UNKNOWNS};
@@ -107,6 +108,8 @@ pub struct Amplitudes {
     pub x: [[f64; LINEAR]; CHANNELS],
     /// Which of them are at no bound.
     pub free: [[bool; LINEAR]; CHANNELS],
+    /// Directional albedos at their limit, where the amplitudes are held to one ([`bound`](super::bound)).
+    pub pressing: [Pressing; CHANNELS],
     /// Σ over channels of the squared residuals.
     pub cost: f64,
 }

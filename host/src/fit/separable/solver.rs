@@ -8,6 +8,7 @@ use super::super::coat::WIDTHS;
 use super::super::linear::solve_spd;
 use super::super::lm::{Limits, Outcome};
 use super::super::model::{EXPONENTS, Model};
+use super::bound::{self, Albedos, Bound, Caps, Pressing};
 use super::columns::{Columns, Form, Gram, MOST_LOBES, WIDTH};
 use super::data::Data;
 use super::extended;
@@ -25,6 +26,9 @@ pub struct Solver {
     pub gram: Box<Gram>,
     /// What the vector code is compiled for.
     pub arch: Arch,
+    /// Largest directional albedo that amplitudes may come to, and that of a ρ_d a channel that is no unknown; none where they are free.
+    bound: Option<Bound>,
+    albedos: Albedos,
     trial: Model,
     /// What was evaluated last, and its amplitudes.
     last: Option<(Family, bool, Amplitudes)>,
@@ -38,6 +42,8 @@ impl Default for Solver {
             columns: Columns::default(),
             gram: Box::new([0.0; WIDTH * WIDTH]),
             arch: Arch::new(),
+            bound: None,
+            albedos: Albedos::default(),
             trial: Model::default(),
             last: None,
             last_model: Model::default(),
@@ -116,10 +122,41 @@ impl Solver {
         }
         let layout = self.layout(family, diffuse, model);
         self.arch.dispatch(Fill(&mut self.columns, &self.data, &mut self.gram, model, layout));
-        let at = normal::amplitudes(&self.gram, layout, [self.data.most, self.data.scale]);
+        let mut at = normal::amplitudes(&self.gram, layout, [self.data.most, self.data.scale]);
+        if let Some(bound) = self.bound {
+            let caps = self.caps(bound);
+            bound::hold(&mut self.albedos, &mut at, &self.gram, layout, model, &caps);
+        }
         self.last = Some((family, diffuse, at));
         self.last_model.clone_from(model);
         at
+    }
+
+    fn caps(&self, bound: Bound) -> Caps {
+        let Data { most, scale, .. } = self.data;
+        Caps { bound, most: [most, scale], scale }
+    }
+
+    /// Holds all amplitudes from here on to a bound, or frees them.
+    pub fn hold(&mut self, bound: Option<Bound>) {
+        if self.bound != bound {
+            (self.bound, self.last) = (bound, None);
+        }
+    }
+
+    /// The largest directional albedo of a model over what a bound allows; above 1 where it is broken.
+    pub fn excess(&mut self, task: (Family, bool), model: &Model, at: &Amplitudes, bound: Bound) -> f64 {
+        let layout = self.layout(task.0, task.1, model);
+        let caps = self.caps(bound);
+        bound::excess(&mut self.albedos, layout, model, at, &caps)
+    }
+
+    /// The normal equations of the shapes' unknowns at a model that was evaluated last.
+    pub fn normal(&self, layout: Layout, model: &Model, at: &Amplitudes) -> Normal {
+        if at.pressing.iter().all(Pressing::is_empty) {
+            return normal::normal(&self.gram, layout, at);
+        }
+        bound::normal(&self.gram, layout, model, at, &self.data)
     }
 
     /// Which columns are what for a model.
@@ -143,7 +180,7 @@ impl Solver {
         if layout.size() == 0 {
             return (at, outcome(&at, 0, true));
         }
-        let mut normal = normal::normal(&self.gram, layout, &at);
+        let mut normal = self.normal(layout, model, &at);
         let (mut damping, mut growth) = (1e-3, 4.0);
         let floor = 1e-15 * (1..=layout.channels).map(|c| self.gram[c * WIDTH + c]).sum::<f64>();
         for iteration in 0..limits.iterations {
@@ -170,7 +207,7 @@ impl Solver {
                 self.trial = trial;
             }
             if improved {
-                normal = normal::normal(&self.gram, layout, &at);
+                normal = self.normal(layout, model, &at);
             } else {
                 damping *= growth;
                 growth *= 4.0;
@@ -228,7 +265,7 @@ pub(super) fn solve(normal: &Normal, layout: Layout, model: &Model, damping: f64
 }
 
 /// The fall in cost that the linear model promises for a step.
-fn predicted_gain(normal: &Normal, step: &[f64; UNKNOWNS]) -> f64 {
+pub(super) fn predicted_gain(normal: &Normal, step: &[f64; UNKNOWNS]) -> f64 {
     let size = normal.size;
     let mut gain = 0.0;
     for i in 0..size {

@@ -47,8 +47,15 @@ impl Effort {
     }
 }
 
+/// Sets whose costs differ by no more than this share are the same.
+const ALIKE: f64 = 1e-3;
+/// A set that after a few steps is above so many times the best cost is not followed further.
+const HOPEFUL: f64 = 1.1;
 /// Poses with the largest residuals, of which each proposes a direction.
 const RIDGE: usize = 8;
+
+/// Columns that a set spans at most: its linear unknowns and four derivatives of two lobes each.
+const SPANNED: usize = LINEAR + 8;
 
 /// A set of shapes with its cost.
 #[derive(Debug, Clone)]
@@ -60,8 +67,10 @@ struct Candidate {
 /// The search with its buffers; one a thread.
 #[derive(Debug, Clone, Default)]
 pub struct Search {
-    /// Weighted residual, weights, weighted shapes of the set: [list][pose].
+    /// Weighted residual, weights, weighted columns that the set spans: [list][pose].
     lists: Vec<f32>,
+    /// Those columns, of which column 0 has the weights for its list.
+    spanned: Vec<usize>,
     /// Products of the bank's rows with those lists, [row][list].
     products: Vec<f32>,
     scores: Vec<f32>,
@@ -91,6 +100,8 @@ pub struct Known {
     pub model: Model,
     /// Cost a valid sample that the search came to with as many lobes, here or at the texel that it was handed on from.
     pub level: f64,
+    /// Cost here.
+    pub cost: f64,
 }
 
 /// What a search found.
@@ -136,9 +147,17 @@ impl Found {
         Self { model, at, outcome, left_out, known: Vec::new() }
     }
 
+    /// A model that is optimised, with how well it predicts left-out poses.
+    pub fn judged(solver: &mut Solver, task: Task, known: &Known) -> Self {
+        let at = solver.evaluate(task.family, task.diffuse, &known.model);
+        let left_out = choice::left_out(solver, task, &known.model, &at);
+        let outcome = Outcome { cost: at.cost, iterations: 0, converged: true };
+        Self { model: known.model.clone(), at, outcome, left_out, known: Vec::new() }
+    }
+
     /// The model with its cost.
     fn known(&self, solver: &Solver) -> Known {
-        Known { model: self.model.clone(), level: level(solver, &self.at) }
+        Known { model: self.model.clone(), level: level(solver, &self.at), cost: self.at.cost }
     }
 }
 
@@ -157,46 +176,43 @@ pub fn may_do(solver: &Solver, cost: f64, near: &Known) -> bool {
     cost <= AS_GOOD.end() * near.level * solver.data.valid as f64
 }
 
-/// The fit from the shapes that were found nearby, as [`Search::best`] makes it from the bank; none where it is no better than it
-/// might be, or where the neighbour does not tell whether more lobes are supported.
-pub fn follow(solver: &mut Solver, task: Task, near: &[Known]) -> Option<Found> {
-    let mut known = Vec::with_capacity(near.len());
-    let mut reach = |solver: &mut Solver, start: &Known| {
-        let found = Found::of(solver, task, start.model.clone());
-        let good = AS_GOOD.contains(&(level(solver, &found.at) / start.level));
-        known.push(Known { model: found.model.clone(), level: start.level });
-        good.then_some(found)
+/// The fit of a fixed number of lobes from shapes that were found nearby, and whether it is as good as a search would find. It may not be where
+/// it is worse than there, or far better (then it is of another material), above `floor`, the cost of a fit that it contains, or where an
+/// isotropic lobe of it only fits noise, in which the neighbour's has no meaning here.
+///
+/// Anisotropic lobes start from the isotropic ones here as well: what noise makes of them differs.
+pub fn follow(
+    solver: &mut Solver,
+    task: Task,
+    near: &Known,
+    floor: f64,
+    wide: Option<&Known>,
+) -> (Known, bool) {
+    let reach = |solver: &mut Solver, start: &Model| {
+        let mut model = start.clone();
+        let (at, _) = minimise(solver, task, task.effort.limits, &mut model);
+        Known { model, level: near.level, cost: at.cost }
     };
-    let mut chosen = None;
-    if task.choose {
-        let mut best = Found::of(solver, task, Model::default());
-        let mut ascent = Ascent::default();
-        let mut ended = task.lobes == 0;
-        for start in near {
-            let found = reach(solver, start)?;
-            let (better, further) = ascent.step(&found.left_out, &best.left_out);
-            ended = !further || found.model.lobes.len() == task.lobes;
-            if better {
-                best = found;
-            }
-            if ended {
-                break;
+    let mut found = reach(solver, &near.model);
+    let mut told = true;
+    match wide {
+        Some(wide) => {
+            let spread = reach(solver, &wide.model);
+            for other in [spread, Known { level: near.level, ..wide.clone() }] {
+                if other.cost < found.cost {
+                    found = other;
+                }
             }
         }
-        if ended {
-            chosen = Some(best);
+        None => {
+            let at = solver.evaluate(task.family, task.diffuse, &found.model);
+            let layout = solver.layout(task.family, task.diffuse, &found.model);
+            told = uncertainty::told(solver, layout, &at).into_iter().all(|told| told);
         }
-    } else if let [start] = near
-        && start.model.lobes.len() == task.lobes
-    {
-        let found = reach(solver, start)?;
-        let at = solver.evaluate(task.family, task.diffuse, &found.model);
-        let layout = solver.layout(task.family, task.diffuse, &found.model);
-        // A lobe that fits the neighbour's noise has no meaning here.
-        let told = uncertainty::told(solver, layout, &at);
-        chosen = told.into_iter().all(|told| told).then_some(found);
     }
-    chosen.map(|found| Found { known, ..found })
+    let level = found.cost / solver.data.valid.max(1) as f64;
+    let good = told && found.cost <= floor && AS_GOOD.contains(&(level / near.level));
+    (found, good)
 }
 
 impl Search {
@@ -246,12 +262,7 @@ impl Search {
     }
 
     /// The best fit of anisotropic lobes, as many as are supported, that starts from the isotropic models with 1, 2, … lobes or from the
-    /// anisotropic one with one lobe less.
-    pub fn widened(&mut self, solver: &mut Solver, bank: &Bank, task: Task, isotropic: &[Known]) -> Found {
-        self.widened_from(solver, bank, task, isotropic, &Model::default())
-    }
-
-    /// As [`Self::widened`], with lobes added to a model without any.
+    /// anisotropic one with one lobe less; with lobes added to a model without any.
     pub fn widened_from(
         &mut self,
         solver: &mut Solver,
@@ -282,6 +293,91 @@ impl Search {
             }
         }
         Found { known, ..best }
+    }
+
+    /// The best fit of a fixed number of lobes that the search finds, from the fits `below`, with one lobe less, and `wide`, with as many isotropic
+    /// lobes where the family is another: at no higher cost than either, nor than `followed`, which came from a neighbour.
+    pub fn rung(
+        &mut self,
+        solver: &mut Solver,
+        bank: &Bank,
+        task: Task,
+        [below, wide]: [Option<&Known>; 2],
+        followed: Option<Known>,
+    ) -> Known {
+        let of = |known: &Known| Candidate { cost: known.cost, model: known.model.clone() };
+        let mut beam: Vec<Candidate> = below.map(of).into_iter().collect();
+        if wide.is_none() && followed.is_none() && task.lobes > 1 {
+            // Sets that look worse with few lobes may be the better ones with more.
+            let mut other = vec![Candidate { cost: f64::INFINITY, model: Model::default() }];
+            for lobes in 1..task.lobes {
+                let effort = Effort { limits: Effort::texel(lobes).limits, ..task.effort };
+                other = self.extended(solver, bank, Task { lobes, effort, ..task }, &other, true);
+            }
+            other.retain(|other| beam.iter().all(|set| (set.cost - other.cost).abs() > ALIKE * set.cost));
+            beam.extend(other);
+            beam.truncate(task.effort.beam);
+        }
+        if beam.is_empty() {
+            beam.push(Candidate { cost: f64::INFINITY, model: Model::default() });
+        }
+        let mut ends = self.extended(solver, bank, task, &beam, true);
+        ends.truncate(if wide.is_some() { 2 } else { 1 });
+        if followed.is_none() {
+            ends.extend(wide.map(of));
+        }
+        let mut best = followed;
+        for end in ends {
+            if best.as_ref().is_none_or(|best| end.cost < HOPEFUL * best.cost) {
+                let mut model = end.model;
+                let (at, _) = minimise(solver, task, task.effort.limits, &mut model);
+                if best.as_ref().is_none_or(|best| at.cost < best.cost) {
+                    best = Some(Known { model, level: level(solver, &at), cost: at.cost });
+                }
+            }
+        }
+        for nested in below.into_iter().chain(wide) {
+            if best.as_ref().is_none_or(|best| nested.cost < best.cost) {
+                best = Some(self.widest(solver, bank, task, nested));
+            }
+        }
+        let found = best.unwrap_or_else(|| Found::of(solver, task, Model::default()).known(solver));
+        // What a search came to here is what neighbours are judged by.
+        Known { level: found.cost / solver.data.valid.max(1) as f64, ..found }
+    }
+
+    /// By how much the bank's best shape would lower the cost beside a model's, to first order.
+    pub fn promise(
+        &mut self,
+        solver: &Solver,
+        bank: &Bank,
+        task: Task,
+        model: &Model,
+        at: &Amplitudes,
+    ) -> f64 {
+        self.list(solver, task, model, at);
+        self.score(solver, bank);
+        let best = self.scores.iter().copied().fold(0.0, f32::max);
+        let ridge = self.best_of_ridge(solver).map_or(0.0, |(score, ..)| score);
+        f64::from(best.max(ridge))
+    }
+
+    /// A fit within the task from one that it contains: as it is where lobes are only isotropic, else with a lobe more.
+    fn widest(&mut self, solver: &mut Solver, bank: &Bank, task: Task, nested: &Known) -> Known {
+        let as_it_is = Known { level: nested.cost / solver.data.valid.max(1) as f64, ..nested.clone() };
+        if nested.model.lobes.len() == task.lobes {
+            return as_it_is;
+        }
+        let set = Candidate { cost: nested.cost, model: nested.model.clone() };
+        let next = self.extended(
+            solver,
+            bank,
+            Task { effort: Effort { beam: 1, ..task.effort }, ..task },
+            &[set],
+            true,
+        );
+        let found = next.into_iter().next().map(|set| Found::of(solver, task, set.model).known(solver));
+        found.filter(|found| found.cost <= nested.cost).unwrap_or(as_it_is)
     }
 
     /// The best sets of one lobe more than those of the beam, the best first; tried for a few steps where `tried`, or where there are several.
@@ -322,11 +418,11 @@ impl Search {
         found: &mut Vec<Candidate>,
     ) {
         self.list(solver, task, model, at);
-        self.score(solver, bank, task, model, at);
+        self.score(solver, bank);
         let starts = (0..self.scores.len()).filter(|&i| self.is_maximum(bank, i));
         let mut starts: Vec<(f32, f64, usize)> =
             starts.map(|i| (self.scores[i], bank.angles[i / EXPONENTS], i % EXPONENTS)).collect();
-        starts.extend(self.best_of_ridge(solver, task, model, at));
+        starts.extend(self.best_of_ridge(solver));
         starts.sort_by(|a, b| b.0.total_cmp(&a.0));
         for &(_, angle, exponent) in starts.iter().take(task.effort.tries) {
             let mut model = model.clone();
@@ -337,13 +433,7 @@ impl Search {
 
     /// The best lobe, with its score, whose highlight passes through one of the poses with the largest residuals. The directions of the
     /// bank lie too far apart for sharp highlights that few poses meet.
-    fn best_of_ridge(
-        &mut self,
-        solver: &Solver,
-        task: Task,
-        model: &Model,
-        at: &Amplitudes,
-    ) -> Option<(f32, f64, usize)> {
+    fn best_of_ridge(&mut self, solver: &Solver) -> Option<(f32, f64, usize)> {
         let products = &solver.data.products;
         let residuals = &self.lists[..products.plane.len()];
         let mut largest: Vec<usize> = (0..residuals.len()).filter(|&k| residuals[k] > 0.0).collect();
@@ -356,7 +446,7 @@ impl Search {
         let angles: Vec<f64> = largest.into_iter().filter_map(|k| ridge_angle(products, k)).collect();
         let mut ridge = std::mem::take(&mut self.ridge);
         solver.arch.dispatch(Fill(&mut ridge, &angles, products, solver.data.cone));
-        self.score(solver, &ridge, task, model, at);
+        self.score(solver, &ridge);
         let scores = self.scores.iter().enumerate().filter(|(_, score)| score.is_finite());
         let best = scores.max_by(|a, b| a.1.total_cmp(b.1));
         let best = best.map(|(i, &score)| (score, ridge.angles[i / EXPONENTS], i % EXPONENTS));
@@ -384,28 +474,32 @@ impl Search {
         self.lists.clear();
         self.lists.extend(rest.iter().zip(root).map(|(rest, root)| (rest * root) as f32));
         self.lists.extend(root.iter().map(|root| (root * root) as f32));
-        for &unknown in members(layout, at).0.iter().filter(|&&unknown| unknown > 0) {
-            let shape = columns.column(layout.column(unknown));
+        self.spanned.clear();
+        self.spanned.extend(spanned(layout, at));
+        for &column in self.spanned.iter().filter(|&&column| column > 0) {
+            let shape = columns.column(column);
             self.lists.extend(shape.iter().zip(root).map(|(shape, root)| (shape * root) as f32));
         }
     }
 
-    /// How much each shape of the bank would lower the cost beside the model's, to first order; −∞ where it adds nothing. The lists are made.
-    fn score(&mut self, solver: &Solver, bank: &Bank, task: Task, model: &Model, at: &Amplitudes) {
+    /// How much each shape of the bank would lower the cost beside the model's, to first order, what is there moving along; −∞ where it adds
+    /// nothing. The lists are made.
+    fn score(&mut self, solver: &Solver, bank: &Bank) {
         let count = bank.count;
-        let layout = solver.layout(task.family, task.diffuse, model);
-        let (members, known) = members(layout, at);
-        let members = &members[..known];
+        let known = self.spanned.len();
         let lists = self.lists.len() / count.max(1);
         let products = Products32 { rows: &bank.shapes, lists: &self.lists, count, out: &mut self.products };
         solver.arch.dispatch(products);
 
-        let mut factor = [0.0; LINEAR * LINEAR];
-        for (i, &a) in members.iter().enumerate() {
-            for (j, &b) in members.iter().enumerate() {
-                factor[i * known + j] = solver.gram[layout.column(a) * WIDTH + layout.column(b)];
+        // Scaled to a diagonal of 1: derivatives and shapes have other sizes.
+        let mut scale = [0.0; SPANNED];
+        let mut factor = [0.0; SPANNED * SPANNED];
+        for (i, &a) in self.spanned.iter().enumerate() {
+            scale[i] = 1.0 / solver.gram[a * (WIDTH + 1)].max(f64::MIN_POSITIVE).sqrt();
+            for (j, &b) in self.spanned[..=i].iter().enumerate() {
+                factor[i * known + j] = solver.gram[a * WIDTH + b] * scale[i] * scale[j];
             }
-            factor[i * known + i] *= 1.0 + 1e-9;
+            factor[i * known + i] += 1e-9;
         }
         let regular = linear::factor(&mut factor[..known * known], known);
         self.scores.clear();
@@ -416,19 +510,19 @@ impl Search {
                 let square = f64::from(self.products[(place * ROWS + exponent + 1) * lists + 1]);
                 let mut rest = square;
                 if regular {
-                    let mut inner = [0.0; LINEAR];
+                    let mut inner = [0.0; SPANNED];
                     let mut shape = 2;
-                    for (i, &unknown) in members.iter().enumerate() {
-                        let product = if unknown == 0 { row[1] } else { row[shape] };
-                        shape += usize::from(unknown > 0);
+                    for (i, &column) in self.spanned.iter().enumerate() {
+                        let product = if column == 0 { row[1] } else { row[shape] };
+                        shape += usize::from(column > 0);
                         let dot: f64 = (0..i).map(|k| factor[i * known + k] * inner[k]).sum();
-                        inner[i] = (f64::from(product) - dot) / factor[i * known + i];
+                        inner[i] = (f64::from(product) * scale[i] - dot) / factor[i * known + i];
                         rest -= inner[i] * inner[i];
                     }
                 }
                 let along = f64::from(row[0]);
                 let adds = along > 0.0 && square > 0.0;
-                let score = along * along / rest.max(1e-4 * square);
+                let score = along * along / rest.max(1e-3 * square);
                 self.scores.push(if adds { score as f32 } else { f32::NEG_INFINITY });
             }
         }
@@ -446,17 +540,15 @@ impl Search {
     }
 }
 
-/// The linear unknowns that are free in any channel, filled up with zeros, and how many they are.
-fn members(layout: Layout, at: &Amplitudes) -> ([usize; LINEAR], usize) {
-    let mut members = [0; LINEAR];
-    let mut known = 0;
-    for unknown in 0..=layout.terms() {
-        if (0..layout.channels).any(|channel| at.free[channel][unknown]) {
-            members[known] = unknown;
-            known += 1;
-        }
-    }
-    (members, known)
+/// The columns that the model spans: those of the linear unknowns that are free in any channel, and, of one lobe or two, the derivatives of their shapes.
+fn spanned(layout: Layout, at: &Amplitudes) -> impl Iterator<Item = usize> {
+    let free = move |unknown: usize| (0..layout.channels).any(|channel| at.free[channel][unknown]);
+    let lit = move |term: usize| (0..layout.channels).any(|channel| at.x[channel][1 + term] > 0.0);
+    let linear =
+        (0..=layout.terms()).filter(move |&unknown| free(unknown)).map(move |unknown| layout.column(unknown));
+    let plain = layout.extension.is_none() && layout.lobes <= 2;
+    let moving = layout.each_derivative().filter(move |&(term, _)| plain && lit(term));
+    linear.chain(moving.map(move |(term, column)| layout.derivative(term, column)))
 }
 
 /// Optimises within the task's family. An anisotropic fit of lobes that are still isotropic first finds their direction.

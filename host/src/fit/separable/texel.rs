@@ -8,16 +8,17 @@ use super::super::texel::{TexelFit, affordable_lobes};
 use super::super::weights::Weights;
 use super::super::{Diffuse, FitOptions, Residual, diffuse};
 use super::bank::Bank;
-use super::choice;
+use super::bound::Bound;
+use super::climb::Trail;
+use super::columns::CHANNELS;
 use super::data::{Data, Poses};
-use super::extend::{Plain, extend};
 use super::mirror::Mirror;
 use super::normal::{Amplitudes, Layout};
 use super::prior;
 use super::robust;
 use super::shape::Family;
 use super::solver::Solver;
-use super::start::{self, Effort, Found, Known, Search, Task};
+use super::start::{self, Effort, Search, Task};
 use super::uncertainty::{self, Sigma};
 use crate::reflectance::{LobeBrdf, Microfacet, Rgb};
 use crate::sampled::SampledSbrdf;
@@ -29,7 +30,7 @@ pub struct Workspace {
     pub solver: Solver,
     /// Shapes for the block of texels at hand.
     pub bank: Bank,
-    search: Search,
+    pub(super) search: Search,
     /// What the poses that were left out tell of a mirror.
     mirror: Option<Mirror>,
     /// What was found at the last texel of every column of the block.
@@ -38,15 +39,12 @@ pub struct Workspace {
     told: Vec<Vec<Option<Solution>>>,
     /// Those of the neighbour that the texel at hand is tied to where its own samples do not tell.
     neighbour: Vec<Option<Solution>>,
-    /// Texels of the block that started from a neighbour, and those of them that did not have to search after all.
-    followed: [usize; 2],
+    /// What was found for the channels that were fitted last.
+    trail: Trail,
 }
 
 /// A model of a family.
 type Solution = (Family, Model);
-
-/// What was found for channels that are fitted together: models of the task's own family, and isotropic ones where there is a choice.
-type Trail = [Vec<Known>; 2];
 
 /// Reading a texel's samples, as vector code.
 struct Load<'a>(&'a mut Data, &'a Poses, &'a SampledSbrdf, usize, Weights);
@@ -112,26 +110,11 @@ impl WithSimd for Squares<'_> {
     }
 }
 
-/// One texel in so many starts from a neighbour where that seldom succeeds.
-const SELDOM: usize = 4;
-
+/// By how much the cost of a model that was chosen under the bound may be above that of the one that was chosen without it.
+const CHOSEN_UNDER_BOUND: f64 = 1.02;
 /// The channels that are fitted together.
 pub fn channel_groups(options: &FitOptions) -> &'static [&'static [usize]] {
     if options.separate_channels { &[&[0], &[1], &[2]] } else { &[&[0, 1, 2]] }
-}
-
-impl Task {
-    /// Of the fits of both families the one to keep, with its task: isotropic unless the other is better or does with fewer lobes.
-    pub fn better_family(self, anisotropic: Found, isotropic: Found) -> (Self, Model) {
-        let fewer = anisotropic.model.lobes.len() < isotropic.model.lobes.len();
-        let better = choice::is_better(&anisotropic.left_out, &isotropic.left_out);
-        let worse = choice::is_better(&isotropic.left_out, &anisotropic.left_out);
-        if better || fewer && !worse {
-            (Self { family: Family::Anisotropic, ..self }, anisotropic.model)
-        } else {
-            (Self { family: Family::Isotropic, ..self }, isotropic.model)
-        }
-    }
 }
 
 impl Workspace {
@@ -141,7 +124,6 @@ impl Workspace {
         self.bank.fill(&self.solver.data.products, self.solver.data.cone);
         self.columns.clear();
         self.told.clear();
-        self.followed = [0; 2];
     }
 
     /// Reads the samples of texel `index`. Where the number of lobes is a choice, so is a mirror term: poses that met one are left out.
@@ -178,6 +160,7 @@ impl Workspace {
         let fit = self.fit_by(options, |workspace, group, task| {
             let near: Vec<&Trail> = near.iter().filter_map(|trails| trails.get(group)).collect();
             let (found, model, trail) = workspace.search(task, &near);
+            workspace.trail.clone_from(&trail);
             let extended = workspace.extended(options, task, (found, model), &trail);
             trails.truncate(group);
             trails.push(trail);
@@ -195,6 +178,7 @@ impl Workspace {
     pub fn fit(&mut self, options: &FitOptions) -> TexelFit {
         self.fit_by(options, |workspace, _, task| {
             let (found, model, trail) = workspace.search(task, &[]);
+            workspace.trail.clone_from(&trail);
             workspace.extended(options, task, (found, model), &trail)
         })
     }
@@ -224,19 +208,26 @@ impl Workspace {
         tie: bool,
         mut search: impl FnMut(&mut Self, usize, Task) -> (Task, Model),
     ) -> TexelFit {
-        let valid = self.solver.data.valid;
         let fixed = self.fixed_diffuse(options);
         let mut brdf = LobeBrdf { rho_d: fixed.map_or(Rgb::ZERO, rgb), ..LobeBrdf::default() };
         let mut sigma = Sigma::default();
-        let (mut error, mut whole, mut tied) = (0.0, 0.0, 0);
+        let (mut error, mut whole, mut free_error) = (0.0, 0.0, 0.0);
+        let (mut tied, mut bounded) = (0, false);
         for (place, channels) in channel_groups(options).iter().enumerate() {
-            let arch = self.solver.arch;
-            let task = self.aim(options, channels);
-            let (mut task, mut model) = search(self, place, task);
+            let whole_task = self.aim(options, channels);
+            let (mut task, mut model) = search(self, place, whole_task);
             if options.robust {
                 (task, model) = self.withstand(options, channels, (task, model), |workspace, task| {
                     search(workspace, place, task)
                 });
+            }
+            let free = self.squares(task, &model, channels).0;
+            if let Some(bound) = self.bound(options, channels) {
+                if let Some(held) = self.bounded(whole_task, (task, &model), bound) {
+                    ((task, model), bounded) = (held, true);
+                }
+                // Whatever moves shapes from here on keeps the bound too.
+                self.solver.hold(Some(bound));
             }
             if tie {
                 tied += self.tie(place, task, &mut model);
@@ -250,17 +241,70 @@ impl Workspace {
             brdf.microfacets.extend(part.microfacets);
             let of_group = uncertainty::sigma(&self.solver, task.family, task.diffuse, &model, &at);
             sigma.take(channels, of_group, model.beta);
-            let layout = self.solver.layout(task.family, task.diffuse, &model);
-            let squares = arch.dispatch(Squares(&self.solver, &at, channels, layout));
-            (error, whole) = (error + squares.0, whole + squares.1);
+            let squares = self.squares(task, &model, channels);
+            (error, whole, free_error) = (error + squares.0, whole + squares.1, free_error + free);
         }
         if !options.choose && !options.separate_channels {
             sigma.lobes.resize(options.lobes, uncertainty::untold(&self.solver));
         }
-        let rms = (error / (3 * valid).max(1) as f64).sqrt();
-        let relative = if whole > 0.0 { (error / whole).sqrt() } else { 0.0 };
-        let mirror = self.mirror.clone();
-        TexelFit { brdf, rms, relative, samples: valid, sigma: Some(sigma), mirror, tied, held: false }
+        let valid = self.solver.data.valid;
+        let share = |error: f64| if whole > 0.0 { (error / whole).sqrt() } else { 0.0 };
+        TexelFit {
+            brdf,
+            rms: (error / (3 * valid).max(1) as f64).sqrt(),
+            relative: share(error),
+            samples: valid,
+            sigma: Some(sigma),
+            mirror: self.mirror.clone(),
+            tied,
+            bound_price: bounded.then(|| (share(error) - share(free_error)).max(0.0)),
+        }
+    }
+
+    /// Sums of squares of the residuals and of the samples, sr⁻².
+    fn squares(&mut self, task: Task, model: &Model, channels: &[usize]) -> (f64, f64) {
+        let at = self.solver.evaluate(task.family, task.diffuse, model);
+        let layout = self.solver.layout(task.family, task.diffuse, model);
+        self.solver.arch.dispatch(Squares(&self.solver, &at, channels, layout))
+    }
+
+    /// What the directional albedos of channels are held to.
+    fn bound(&self, options: &FitOptions, channels: &[usize]) -> Option<Bound> {
+        let albedo = options.largest_albedo()?;
+        let mut fixed = [0.0; CHANNELS];
+        if let Some(rho_d) = self.fixed_diffuse(options) {
+            for (fixed, &channel) in fixed.iter_mut().zip(channels) {
+                *fixed = std::f64::consts::PI * rho_d[channel];
+            }
+        }
+        Some(Bound { albedo, fixed })
+    }
+
+    /// The fit under a bound, where the free one breaks it: from the free one's shapes, and from a search of its own.
+    fn bounded(&mut self, whole: Task, (task, model): (Task, &Model), bound: Bound) -> Option<(Task, Model)> {
+        let at = self.solver.evaluate(task.family, task.diffuse, model);
+        if self.solver.excess((task.family, task.diffuse), model, &at, bound) <= 1.0 {
+            return None;
+        }
+        self.solver.hold(Some(bound));
+        let mut near = model.clone();
+        let limits = task.effort.limits;
+        let from_free = start::minimise(&mut self.solver, task, limits, &mut near).1.cost;
+        let data = &self.solver.data;
+        if self.bank.count != data.len() {
+            self.bank.fill(&data.products, data.cone);
+        }
+        // The texel's own free fits that the last one contains, so that it does not end above them.
+        let mut trail = std::mem::take(&mut self.trail);
+        if trail[0].len() == whole.lobes {
+            trail[0].pop();
+        }
+        let own = [&trail];
+        let (searched_task, searched, _) = self.search(whole, if whole.choose { &[] } else { &own });
+        let from_search = self.solver.evaluate(searched_task.family, searched_task.diffuse, &searched).cost;
+        // Where the number of lobes is a choice, the search has chosen it under the bound.
+        let worth = if whole.choose { CHOSEN_UNDER_BOUND } else { 1.0 };
+        Some(if from_search <= worth * from_free { (searched_task, searched) } else { (task, near) })
     }
 
     /// Ties what the samples do not tell of the model of a group of channels to the neighbour's, or else to Phong's; leaves in its place what the next
@@ -306,6 +350,7 @@ impl Workspace {
     /// Weights the samples that were read for fitting `channels` together; what is then to be done.
     pub fn aim(&mut self, options: &FitOptions, channels: &[usize]) -> Task {
         let fixed = self.fixed_diffuse(options);
+        self.solver.hold(None);
         let arch = self.solver.arch;
         arch.dispatch(Aim(&mut self.solver.data, channels, options.residual, fixed));
         self.solver.begin();
@@ -327,70 +372,6 @@ impl Workspace {
             }
             _ => None,
         }
-    }
-
-    /// The model that is found, with the task whose family it belongs to: where the number of lobes is a choice, so is isotropy.
-    fn search(&mut self, task: Task, near: &[&Trail]) -> (Task, Model, Trail) {
-        let of = |family: usize| near.iter().map(|trail| &trail[family][..]).collect::<Vec<_>>();
-        if !task.choose || task.family != Family::Anisotropic {
-            let found = self.follow_or_search(task, &of(0), None);
-            return (task, found.model, [found.known, Vec::new()]);
-        }
-        let isotropic = Task { family: Family::Isotropic, ..task };
-        let other = self.follow_or_search(isotropic, &of(1), None);
-        let found = self.follow_or_search(task, &of(0), Some(&other.known));
-        let trail = [found.known.clone(), other.known.clone()];
-        let (task, model) = task.better_family(found, other);
-        (task, model, trail)
-    }
-
-    /// The fit with what the options allow beyond plain lobes; `whole` is the task before a family was chosen.
-    fn extended(
-        &mut self,
-        options: &FitOptions,
-        whole: Task,
-        plain: (Task, Model),
-        trail: &Trail,
-    ) -> (Task, Model) {
-        if options.extensions.is_none() {
-            return plain;
-        }
-        let Self { solver, bank, search, .. } = self;
-        let plain = Plain { task: plain.0, model: plain.1, trail: trail.each_ref().map(Vec::as_slice) };
-        extend((solver, bank, search), options.extensions, whole, plain)
-    }
-
-    /// From the neighbour whose shapes describe this texel best, or else from the isotropic models where there are such, or from the bank.
-    fn follow_or_search(&mut self, task: Task, near: &[&[Known]], isotropic: Option<&[Known]>) -> Found {
-        let Self { solver, bank, search, followed: [tried, succeeded], .. } = self;
-        // Where neighbours have little in common, few texels try.
-        let worth_it = 2 * *succeeded >= *tried || *tried % SELDOM == 0;
-        let mut start: Option<(f64, &[Known])> = None;
-        for known in near.iter().filter(|_| worth_it) {
-            let Some(last) = known.last() else { continue };
-            let mut model = last.model.clone();
-            solver.refer(&mut model);
-            let cost =
-                if near.len() > 1 { solver.evaluate(task.family, task.diffuse, &model).cost } else { 0.0 };
-            if start.is_none_or(|(least, _)| cost < least) {
-                start = Some((cost, known));
-            }
-            if start::may_do(solver, cost, last) {
-                break;
-            }
-        }
-        *tried += usize::from(!near.is_empty());
-        if let Some((_, known)) = start
-            && let Some(found) = start::follow(solver, task, known)
-        {
-            *succeeded += 1;
-            return found;
-        }
-        if let Some(known) = isotropic {
-            return search.widened(solver, bank, task, known);
-        }
-        let effort = if near.is_empty() { Effort::thorough(task.lobes) } else { task.effort };
-        search.best(solver, bank, Task { effort, ..task })
     }
 
     /// The BRDF of the channels that were fitted together.
