@@ -90,6 +90,9 @@ pub(super) struct FitArgs {
     /// Incidences of a table that the fit does not see, degrees; the errors there are reported
     #[arg(long, value_delimiter = ',', value_name = "DEG,…")]
     pub(super) hold_out_theta_deg: Vec<f64>,
+    /// Hold each pair of a table's incidences out in turn and compare what auto takes with every fixed size on them; minutes
+    #[arg(long)]
+    pub(super) hold_out_each_pair: bool,
     /// Compare the deterministic start on a table with the best of this many random ones
     #[arg(long, default_value_t = 0, value_name = "N")]
     pub(super) random_starts: usize,
@@ -347,8 +350,10 @@ fn fit_sampled(args: &FitArgs, input: &Path) -> Result<FitOutcome> {
 
 /// How texels are fitted; on the CPU unless the GPU was named.
 fn sampled_options(args: &FitArgs) -> Result<FitOptions> {
-    if !args.hold_out_theta_deg.is_empty() || args.random_starts > 0 {
-        return Err(Error::input("--hold-out-theta-deg and --random-starts are for measured tables (.brdf)"));
+    if !args.hold_out_theta_deg.is_empty() || args.random_starts > 0 || args.hold_out_each_pair {
+        return Err(Error::input(
+            "--hold-out-theta-deg, --hold-out-each-pair and --random-starts are for measured tables (.brdf)",
+        ));
     }
     let weights = if args.weights == WeightsName::Sigma { Weights::Sigma } else { Weights::Pose };
     let auto = if weights == Weights::Sigma { Residual::Linear } else { FitOptions::default().residual };
@@ -402,7 +407,16 @@ fn lobes_in_words(map: &SbrdfMap, options: &FitOptions) -> String {
     };
     let shares: Vec<String> =
         (0..=most).map(|count| format!("{count} {} in {:.0} %", word(count), share(count))).collect();
-    shares.join(", ")
+    let doubtful =
+        map.extra.get("lobes.doubtful").map_or(0, |plane| plane.iter().filter(|&&x| x > 0.0).count());
+    match doubtful {
+        0 => shares.join(", "),
+        count => format!(
+            "{} (told apart from another number by little in {:.0} %)",
+            shares.join(", "),
+            100.0 * count as f64 / chosen.len().max(1) as f64
+        ),
+    }
 }
 
 /// The texels in which a mirror was met.
@@ -443,7 +457,7 @@ fn albedos_in_words(map: &SbrdfMap) -> String {
     match bound_prices(map) {
         Some(prices) if prices.is_empty() => String::new(),
         Some(prices) => format!(
-            "bounded: {} of {texels} texels would reflect more light than they receive where no pose looked; holding them costs {:.2} % of the samples' RMS in median, {:.2} % at most\n",
+            "bounded: {} of {texels} texels would, where no pose looked, reflect more light than they receive or far more than was measured; holding them costs {:.2} % of the samples' RMS in median, {:.2} % at most\n",
             prices.len(),
             100.0 * quantile(&prices, 0.5),
             100.0 * quantile(&prices, 1.0)

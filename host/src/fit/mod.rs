@@ -348,7 +348,7 @@ impl FitOptions {
 }
 
 /// Fits every texel in parallel. Beside the coefficients the map has the planes `error.rms` (sr⁻¹), `error.relative` and
-/// `samples` (valid ones a texel), where any does not tell all of its shapes' coefficients `tied` ([`separable::prior`]: how many were not), where lobes are chosen and a mirror was met `mirror.R`, `.G`, `.B` and `mirror.poses` ([`separable::mirror`]), and after the separable fit a standard deviation a coefficient, `sigma.rho_d.R` and so on. Unless albedos are free, `bounded` marks the texels
+/// `samples` (valid ones a texel), where any does not tell all of its shapes' coefficients `tied` ([`separable::prior`]: how many were not), where lobes are chosen and a mirror was met `mirror.R`, `.G`, `.B` and `mirror.poses` ([`separable::mirror`]), and after the separable fit a standard deviation a coefficient, `sigma.rho_d.R` and so on. Where the number of lobes is a choice, `lobes` has it and `lobes.doubtful` marks texels in which another would predict left-out poses almost as well. Unless albedos are free, `bounded` marks the texels
 /// that were changed so that they make no light and `error.bound_price` says by how much `error.relative` rose for it. The result is the same byte for byte whatever the number of threads.
 ///
 /// # Errors
@@ -516,6 +516,7 @@ fn map_of(sampled: &SampledSbrdf, options: &FitOptions, fits: &[TexelFit]) -> Sb
     plane("samples", |fit| fit.samples as f32);
     if options.choose {
         plane("lobes", |fit| fit.brdf.lobes.len() as f32);
+        plane("lobes.doubtful", |fit| f32::from(u8::from(fit.doubtful)));
         plane("anisotropic", |fit| {
             f32::from(u8::from(fit.brdf.lobes.iter().any(|lobe| lobe.c.x != lobe.c.y)))
         });

@@ -90,6 +90,13 @@ impl ModelLobe {
         Self { reference: largest_base(self.c, cone).max(LEAST_REFERENCE), ..*self }
     }
 
+    /// The largest value that the lobe takes anywhere above the surface, over that within the cone of its reference; 1 or more.
+    pub fn growth(&self) -> f64 {
+        let longest = self.c.z.max(self.c.x.abs()).max(self.c.y.abs());
+        let n = self.n.max(self.n_grazing.unwrap_or(0.0));
+        (n * (longest / self.reference).ln()).clamp(0.0, 300.0).exp()
+    }
+
     /// The exponent where the mean of cosθ_i and cosθ_o is t (6.19).
     pub fn exponent(&self, t: f64) -> f64 {
         self.n_grazing.map_or(self.n, |grazing| self.n * t + grazing * (1.0 - t))

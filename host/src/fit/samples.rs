@@ -69,6 +69,23 @@ impl Samples {
         self.lowest = None;
     }
 
+    /// Some of the samples, each with a factor for its weight; the cone is that of all.
+    pub fn part(&self, rows: &[(usize, f64)]) -> Self {
+        let of = |list: &[f64]| rows.iter().filter_map(|&(k, _)| list.get(k).copied()).collect::<Vec<f64>>();
+        Self {
+            xx: of(&self.xx),
+            yy: of(&self.yy),
+            xy: of(&self.xy),
+            off_normal: self.off_normal.each_ref().map(|list| of(list)),
+            zz: of(&self.zz),
+            cos_o: of(&self.cos_o),
+            value: of(&self.value),
+            rgb: rows.iter().filter_map(|&(k, _)| self.rgb.get(k).copied()).collect(),
+            weight: rows.iter().map(|&(k, factor)| factor * self.weight[k]).collect(),
+            lowest: self.lowest,
+        }
+    }
+
     fn push_directions(&mut self, wi: DVec3, wo: DVec3, weight: f64) {
         self.xx.push(wi.x * wo.x);
         self.yy.push(wi.y * wo.y);

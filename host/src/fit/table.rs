@@ -3,6 +3,8 @@
 //! Tables of paint are isotropic: Cx = Cy and β = 0. Beside lobes a microfacet term can be fitted, and the data can choose (module `choice`).
 
 mod choice;
+pub mod judge;
+mod thin;
 pub mod uncertainty;
 
 use rayon::prelude::*;
@@ -94,8 +96,19 @@ pub struct WavelengthFit {
     pub held_out: Option<Errors>,
     /// Cost over the best cost of the random starts.
     pub start_ratio: Option<f64>,
-    /// Squared errors of the training rows, each predicted without its incidence; empty where there is no choice.
+    /// Where the rows were too many to search with all of them.
+    pub thinned: Option<Thinned>,
+    /// Squared errors of the incidences, each predicted without it; empty where there is no choice.
     left_out: Vec<f64>,
+}
+
+/// A search with some of the rows.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Thinned {
+    /// Rows that were searched with.
+    pub rows: usize,
+    /// By what share the cost of what they led to was above that of the fit that all rows then made of it.
+    pub loss: f64,
 }
 
 /// The rows of a table that a fit sees and those that it does not.
@@ -212,15 +225,23 @@ fn one(
 ) -> WavelengthFit {
     let Size { lobes, sharpening, microfacet } = size;
     let Split { training, held_out, theta_deg } = split(table, values, &options.hold_out_theta_deg);
+    let mut whole = Target::default();
+    whole.set(&training, training.value.iter().copied(), options.residual);
+    // The search and the choice see no more rows than they need; in the end the fit sees all.
+    let thin = thin::rows(&training);
+    let (part, part_theta_deg) = match &thin {
+        Some(rows) => (training.part(rows), rows.iter().map(|&(k, _)| theta_deg[k]).collect()),
+        None => (training.clone(), theta_deg),
+    };
     let mut target = Target::default();
-    target.set(&training, training.value.iter().copied(), options.residual);
+    target.set(&part, part.value.iter().copied(), options.residual);
     let mut optimiser = Optimiser::default();
-    let problem = Problem { samples: &training, target: &target, freedom: FREEDOM, fixed_diffuse: 0.0 };
+    let problem = Problem { samples: &part, target: &target, freedom: FREEDOM, fixed_diffuse: 0.0 };
     let mut start_ratio = None;
     let (mut model, mut outcome) = if options.method == Method::LineSearch && lobes > 0 {
-        let rho_d = diffuse::percentile(&mut training.value.clone(), PERCENTILE);
-        let model = line_search::fit(&training, &target, rho_d, FREEDOM);
-        let cost = optimiser.evaluate(&training, &target, &model);
+        let rho_d = diffuse::percentile(&mut part.value.clone(), PERCENTILE);
+        let model = line_search::fit(&part, &target, rho_d, FREEDOM);
+        let cost = optimiser.evaluate(&part, &target, &model);
         (model, Outcome { cost, iterations: 0, converged: true })
     } else {
         let mut search = Search::default();
@@ -239,27 +260,36 @@ fn one(
         }
         found
     };
-    let mut free = None;
-    if let Some(limit) = options.bound.limit(options.method)
-        && let Some(held) =
-            conserve::conserve(&coloured(&model, Rgb::X), &training, &[0], &[target.clone()], limit)
-    {
-        free = Some(errors(&training, &model));
-        model = Model::from(&held);
-        outcome.cost = optimiser.evaluate(&training, &target, &model);
-    }
     let left_out = if judged {
-        choice::left_out(&training, &choice::folds(&theta_deg), &target, &model)
+        choice::left_out(&part, &choice::folds(&part_theta_deg), &target, &model)
     } else {
         Vec::new()
     };
+    let mut thinned = None;
+    if thin.is_some() {
+        let before = optimiser.evaluate(&training, &whole, &model);
+        let problem = Problem { samples: &training, target: &whole, freedom: FREEDOM, fixed_diffuse: 0.0 };
+        outcome = problem.minimise(&mut optimiser, Effort::TABLE.limits, &mut model);
+        thinned =
+            Some(Thinned { rows: part.len(), loss: before / outcome.cost.max(f64::MIN_POSITIVE) - 1.0 });
+    }
+    let mut free = None;
+    if let Some(limit) = options.bound.limit(options.method)
+        && let Some(held) =
+            conserve::conserve(&coloured(&model, Rgb::X), &training, &[0], &[whole.clone()], limit)
+    {
+        free = Some(errors(&training, &model));
+        model = Model::from(&held);
+        outcome.cost = optimiser.evaluate(&training, &whole, &model);
+    }
     let fitted = free.is_none() && options.method != Method::LineSearch;
     WavelengthFit {
         wavelength_nm,
         size,
         chosen: false,
-        deviations: fitted.then(|| uncertainty::deviations(&training, &target, &model)),
+        deviations: fitted.then(|| uncertainty::deviations(&training, &whole, &model)),
         left_out,
+        thinned,
         free,
         training: errors(&training, &model),
         held_out: (!held_out.is_empty()).then(|| errors(&held_out, &model)),
@@ -334,6 +364,9 @@ pub fn figures(fits: &[WavelengthFit], options: &TableOptions) -> Vec<ErrorFigur
         if let Some(held_out) = &fit.held_out {
             add("held_out_log_rms", held_out.log_rms, over(held_out, "held-out"));
             add("held_out_relative_l2", held_out.relative_l2, over(held_out, "held-out"));
+        }
+        if let Some(thinned) = &fit.thinned {
+            add("thinned_cost_loss", thinned.loss, format!("a search with {} rows", thinned.rows));
         }
         if let Some(ratio) = fit.start_ratio {
             let over = format!("best cost of {} random starts", options.random_starts);

@@ -36,6 +36,8 @@ pub struct TexelFit {
     pub mirror: Option<Mirror>,
     /// Combinations of the shapes' coefficients that the samples do not tell and a prior decided; the separable fit alone has one.
     pub tied: usize,
+    /// Whether the number of lobes was a choice and another would have predicted left-out poses almost as well.
+    pub doubtful: bool,
     /// By how much `relative` rose where the fit had to be changed so that it makes no light; none where it did not.
     pub bound_price: Option<f64>,
 }
@@ -89,6 +91,7 @@ pub fn fit(workspace: &mut Workspace, options: &FitOptions) -> TexelFit {
         sigma: None,
         mirror: None,
         tied: 0,
+        doubtful: false,
         bound_price: None,
     };
     if let Some(limit) = options.largest_albedo() {

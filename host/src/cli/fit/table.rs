@@ -8,7 +8,8 @@ use super::{
     AUTO_LOBES, DeviceName, FitArgs, FitOutcome, Lobes, MethodName, ModelName, WeightsName, print, write_map,
 };
 use crate::error::{Error, Result};
-use crate::fit::table::{self, Size, TableOptions, Take, WavelengthFit};
+use crate::fit::figures::ErrorFigure;
+use crate::fit::table::{self, Size, TableOptions, Take, WavelengthFit, judge};
 use crate::fit::{Method, Residual};
 use crate::reflectance::{MeasuredTable, Rgb, SbrdfMap};
 use serde_json::json;
@@ -69,6 +70,10 @@ pub(super) fn fit(args: &FitArgs, input: &Path, seed: u64) -> Result<FitOutcome>
         )));
     }
     let (sizes, take) = sizes(args, method);
+    if args.hold_out_each_pair {
+        return judge_choice(&measured, &wavelengths_nm, &sizes, take, &options)
+            .map_err(|error| error.at(input.display()));
+    }
     let start = Instant::now();
     let fits = table::fit(&measured, &wavelengths_nm, &sizes, take, &options)
         .map_err(|error| error.at(input.display()))?;
@@ -82,6 +87,43 @@ pub(super) fn fit(args: &FitArgs, input: &Path, seed: u64) -> Result<FitOutcome>
     outcome.figures.insert("coefficients".into(), coefficients(&fits));
     outcome.figures.insert("fits".into(), fits.len().into());
     outcome.figures.insert("fit_seconds".into(), seconds.into());
+    Ok(outcome)
+}
+
+/// Holds each pair of incidences out in turn and sets the choice beside every fixed size.
+fn judge_choice(
+    measured: &MeasuredTable,
+    wavelengths_nm: &[f64],
+    sizes: &[Size],
+    take: Take,
+    options: &TableOptions,
+) -> Result<FitOutcome> {
+    if take != Take::Choose || !options.hold_out_theta_deg.is_empty() {
+        let message = "--hold-out-each-pair judges the choice: use it with --lobes auto and without --hold-out-theta-deg";
+        return Err(Error::input(message));
+    }
+    let judged = judge::each_pair(measured, wavelengths_nm, sizes, options)?;
+    let pairs = judge::incidences_deg(measured).len();
+    let pairs = pairs * (pairs - 1) / 2;
+    let mut text = format!(
+        "{pairs} pairs of incidences, each held out in turn; means of the errors on them\n\n{:>8}  {:<20} {:>12} {:>11}  {:>16}\n",
+        "nm", "lobes", "held-out log", "relative", "auto as good in"
+    );
+    let mut outcome = FitOutcome::default();
+    for of in &judged {
+        let size = of.size.map_or("auto".to_string(), |size| size.to_string());
+        let share = of.size.map_or(String::new(), |_| format!("{:.0} %", 100.0 * of.choice_as_good));
+        text += &format!(
+            "{:>8}  {size:<20} {:>12.3} {:>11.3}  {share:>16}\n",
+            of.wavelength_nm, of.log_rms, of.relative_l2
+        );
+        let over = format!("mean over {pairs} pairs of incidences held out");
+        for (name, value) in [("held_out_log_rms", of.log_rms), ("held_out_relative_l2", of.relative_l2)] {
+            let figure = ErrorFigure::new(name, value, "1", over.clone());
+            outcome.errors.push(figure.with("size", size.as_str()).with("wavelength_nm", of.wavelength_nm));
+        }
+    }
+    print(&text)?;
     Ok(outcome)
 }
 
@@ -136,6 +178,15 @@ fn write_description(
             write!(text, "  {ratio:>18.4}")?;
         }
         writeln!(text)?;
+    }
+    if let Some(thinned) = fits.iter().find_map(|fit| fit.thinned) {
+        let worst = fits.iter().filter_map(|fit| fit.thinned).map(|thinned| thinned.loss).fold(0.0, f64::max);
+        writeln!(
+            text,
+            "\nsearched with {} of the rows, then fitted to all: before that costs were up to {:.2} % higher",
+            thinned.rows,
+            100.0 * worst
+        )?;
     }
     writeln!(
         text,

@@ -2,7 +2,8 @@
 //!
 //! Given the shapes, an albedo is linear in the amplitudes, so that the amplitudes under the bound are a small quadratic programme
 //! ([`quadratic`]); the shapes are then searched as without it, with amplitudes that move along the albedos that press
-//! against the limit. Where none presses all is as without the bound.
+//! against the limit. Where none presses all is as without the bound. What this leaves to lobes of which the samples do not tell the shape, a
+//! glare in directions that no pose saw, [`Solver::wild`](super::solver::Solver::wild) limits.
 
 use std::sync::LazyLock;
 
@@ -15,7 +16,7 @@ use super::super::quadratic::{self, Inequality};
 use super::columns::{CHANNELS, Gram, MOST_LOBES, WIDTH};
 use super::data::Data;
 use super::extended::{self, Extension};
-use super::normal::{self, Amplitudes, LINEAR, Layout, Normal};
+use super::normal::{self, Amplitudes, LINEAR, Layout, Most, Normal};
 use super::shape::{self, Family, UNKNOWNS};
 use crate::reflectance::albedo::{self, INCIDENCES_DEG};
 use crate::reflectance::{LobeBrdf, Microfacet, Rgb};
@@ -162,8 +163,8 @@ pub struct Bound {
 pub struct Caps {
     /// Of the albedos.
     pub bound: Bound,
-    /// Largest amplitudes of lobes and of microfacet terms.
-    pub most: [[f64; CHANNELS]; 2],
+    /// Largest amplitudes.
+    pub most: Most,
     /// Scale of the channels' amplitudes.
     pub scale: [f64; CHANNELS],
 }
@@ -271,11 +272,7 @@ fn hold_channel(
     let single = |i: usize, value: f64| std::array::from_fn(|k| if k == i { value } else { 0.0 });
     for (i, &unknown) in members.iter().enumerate() {
         inequalities.push(Inequality { row: single(i, -1.0), most: 0.0 });
-        let cap = match unknown {
-            0 => f64::INFINITY,
-            lobe if lobe <= layout.lobes => caps.most[0][channel],
-            _ => caps.most[1][channel],
-        };
+        let cap = caps.most.of(layout, unknown, channel);
         if cap.is_finite() && cap > 0.0 {
             inequalities.push(Inequality { row: single(i, 1.0 / (cap * root(i))), most: 1.0 });
         }

@@ -189,3 +189,34 @@ fn normals_sharpening_and_microfacet_terms_are_held_too() {
         assert!(held < darker && held > free, "{extensions:?}");
     }
 }
+
+#[test]
+fn a_lobe_that_only_fits_noise_says_nothing_loud_where_no_pose_looked() {
+    let mut random = Random::new(6);
+    let mut anywhere = || {
+        let mut direction = || {
+            let (z, turn) = (random.uniform(0.01, 1.0), random.uniform(0.0, std::f64::consts::TAU));
+            let r = (1.0 - z * z).sqrt();
+            DVec3::new(r * turn.cos(), r * turn.sin(), z).as_vec3()
+        };
+        (direction(), direction())
+    };
+    let pairs: Vec<(Vec3, Vec3)> = (0..4000).map(|_| anywhere()).collect();
+    let lobe = Lobe::new(Rgb::splat(0.15), Vec3::new(-1.03, -1.03, 0.85), 8.0);
+    let truth = LobeBrdf { lobes: vec![lobe], ..LobeBrdf::diffuse(Rgb::splat(0.09)) };
+    let loudest =
+        |brdf: &LobeBrdf| pairs.iter().map(|&(wi, wo)| brdf.eval(wi, wo).max_element()).fold(0.0, f32::max);
+    let most = loudest(&truth);
+    let [mut quiet, mut free_quiet] = [0; 2];
+    for seed in 0..60 {
+        let data = measured(&directions(134, seed), &truth, 0.1, &mut Random::new(seed));
+        let options = FitOptions { lobes: 2, ..FitOptions::default() };
+        let free = fit(&data, &FitOptions { bound: AlbedoBound::Free, ..options }).0;
+        let [held, free] = [fit(&data, &options).0, free].map(|brdf| loudest(&brdf));
+        println!("{seed}: {held:.2}, free {free:.2e} of {most:.2}");
+        quiet += usize::from(held < 2.0 * most);
+        free_quiet += usize::from(free < 2.0 * most);
+    }
+    // The rest are lobes that errors of direction tell from noise.
+    assert!(quiet >= 50 && quiet >= free_quiet + 10, "{quiet} {free_quiet}");
+}

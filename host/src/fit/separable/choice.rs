@@ -18,6 +18,8 @@ use super::uncertainty::{Covariance, Response};
 
 /// Standard errors by which a larger model has to be better.
 const ERRORS: f64 = 2.0;
+/// Standard errors below which a larger model that was taken is not better by much.
+const CLOSE: f64 = 3.0;
 /// Standard errors from which on a larger model that is not better beyond doubt makes one more lobe worth a look.
 const DOUBTFUL: f64 = 0.5;
 /// Or the share of the sum of squares that it may leave: a sharp lobe that only two or three poses meet is never two
@@ -107,6 +109,13 @@ pub fn verdict(large: &[f64], small: &[f64]) -> Verdict {
         gain if gain > DOUBTFUL * error => Verdict::Doubtful,
         _ => Verdict::No,
     }
+}
+
+/// Whether two numbers of lobes are told apart by little: the larger model is neither better by more than three standard errors nor no better
+/// at all.
+pub fn is_close(large: &[f64], small: &[f64]) -> bool {
+    let (gain, error, whole) = gain(large, small);
+    gain > DOUBTFUL * error && gain <= CLOSE * error && gain <= (1.0 - SHARE) * whole
 }
 
 /// By how much squared residuals fall, the standard error of that, and their sum before.

@@ -26,7 +26,7 @@ const NOISE_GAIN: f64 = 4.0;
 /// about 10 of it from noise alone.
 const PROMISING: f64 = 16.0;
 /// When a fit is good enough to tell whether it predicts left-out poses better.
-const TO_JUDGE: Limits = Limits { iterations: 15, tolerance: 1e-4 };
+const TO_JUDGE: Limits = Limits { iterations: 20, tolerance: 3e-5 };
 
 impl Task {
     /// Of the fits of both families the one to keep, with its task: isotropic unless the other is better or does with fewer lobes.
@@ -48,15 +48,18 @@ impl Workspace {
         let of = |family: usize| near.iter().map(|trail| &trail[family][..]).collect::<Vec<_>>();
         if task.family == Family::Isotropic {
             let found = self.ladder(task, &of(0), None);
+            self.doubtful = found.doubtful;
             return (task, self.finished(task, found.model), [found.known, Vec::new()]);
         }
         let isotropic = Task { family: Family::Isotropic, ..task };
         let other = self.ladder(isotropic, &of(1), None);
         if task.choose && !self.may_be_anisotropic(task, &other) {
+            self.doubtful = other.doubtful;
             return (isotropic, self.finished(isotropic, other.model), [Vec::new(), other.known]);
         }
         let found = self.ladder(task, &of(0), Some(&other.known));
         let trail = [found.known.clone(), other.known.clone()];
+        self.doubtful = found.doubtful && other.doubtful;
         let (task, model) = if task.choose { task.better_family(found, other) } else { (task, found.model) };
         (task, self.finished(task, model), trail)
     }
@@ -122,9 +125,12 @@ impl Workspace {
             if task.choose {
                 let found = Found::judged(&mut self.solver, task, &rung);
                 known.push(rung);
+                let close = choice::is_close(&found.left_out, &best.left_out);
                 let (better, further) = ascent.step(&found.left_out, &best.left_out);
                 if better {
-                    best = found;
+                    best = Found { doubtful: close, ..found };
+                } else {
+                    best.doubtful |= close;
                 }
                 if !further {
                     break;

@@ -114,8 +114,30 @@ pub struct Amplitudes {
     pub cost: f64,
 }
 
-/// The amplitudes within 0 and the most of lobes and of microfacet terms, channel by channel, that minimise the cost, and that cost.
-pub fn amplitudes(gram: &Gram, layout: Layout, most: [[f64; CHANNELS]; 2]) -> Amplitudes {
+/// What amplitudes are at most.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Most {
+    /// A lobe's, channel by channel.
+    pub lobes: [f64; CHANNELS],
+    /// A microfacet term's.
+    pub coats: [f64; CHANNELS],
+    /// The share of it that each lobe may take.
+    pub shares: [f64; MOST_LOBES],
+}
+
+impl Most {
+    /// That of a linear unknown in a channel.
+    pub fn of(&self, layout: Layout, unknown: usize, channel: usize) -> f64 {
+        match unknown {
+            0 => f64::INFINITY,
+            lobe if lobe <= layout.lobes => self.lobes[channel] * self.shares[lobe - 1],
+            _ => self.coats[channel],
+        }
+    }
+}
+
+/// The amplitudes within 0 and their most, channel by channel, that minimise the cost, and that cost.
+pub fn amplitudes(gram: &Gram, layout: Layout, most: &Most) -> Amplitudes {
     let first = usize::from(!layout.diffuse);
     let size = layout.terms() + 1 - first;
     let place = |i: usize| layout.column(first + i);
@@ -134,18 +156,13 @@ pub fn amplitudes(gram: &Gram, layout: Layout, most: [[f64; CHANNELS]; 2]) -> Am
     }
     let regular = linear::factor(factor, size);
     let mut found = Amplitudes::default();
-    let caps = most[0].into_iter().zip(most[1]);
-    for (channel, (of_lobes, of_coats)) in caps.enumerate().take(layout.channels) {
+    for channel in 0..layout.channels {
         let goal = 1 + channel;
         let mut rhs = [0.0; LINEAR];
         for i in 0..size {
             rhs[i] = gram[place(i) * WIDTH + goal];
         }
-        let cap = |i: usize| match first + i {
-            0 => f64::INFINITY,
-            lobe if lobe <= layout.lobes => of_lobes,
-            _ => of_coats,
-        };
+        let cap = |i: usize| most.of(layout, first + i, channel);
         let mut x = rhs;
         let mut free = [true; LINEAR];
         let inside = |x: &[f64]| x.iter().enumerate().all(|(i, &x)| x >= 0.0 && x <= cap(i));

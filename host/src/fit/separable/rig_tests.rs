@@ -3,6 +3,7 @@
 use super::super::lm::Limits;
 use super::super::model::{Model, ModelLobe, isotropic_c};
 use super::super::random::Random;
+use super::super::testing::{directions, material, relative_error, samples};
 use super::super::weights::Weights;
 use super::super::{AlbedoBound, FitOptions, Residual, fit_sbrdf};
 use super::bound::Bound;
@@ -16,7 +17,7 @@ use crate::acquire::recipe::Recipe;
 use crate::acquire::{self, RunFolder, simulated};
 use crate::demo::{Size, sample};
 use crate::plan::{self, Extent};
-use crate::reflectance::{LobeBrdf, SbrdfMap, albedo};
+use crate::reflectance::{Brdf as _, LobeBrdf, SbrdfMap, albedo};
 use crate::sampled::SampledSbrdf;
 
 /// The demo's brocade, or a recipe, as the simulated rig photographs and develops it at a number of poses.
@@ -82,9 +83,7 @@ fn judge(
     step: usize,
     starts: usize,
 ) -> Judged {
-    let t = std::time::Instant::now();
     let map = fit_sbrdf(sampled, options).unwrap();
-    println!("TIME {:?}", t.elapsed());
     let nested: Vec<SbrdfMap> = nested.iter().map(|options| fit_sbrdf(sampled, options).unwrap()).collect();
     let poses = Poses::new(&sampled.poses);
     let family = if options.isotropic { Family::Isotropic } else { Family::Anisotropic };
@@ -92,7 +91,9 @@ fn judge(
     let mut random = Random::new(4);
     let mut judged = Judged { over_random: Vec::new(), over_nested: Vec::new() };
     let bound = options.largest_albedo().map(|albedo| Bound { albedo, fixed: [0.0; CHANNELS] });
-    for index in (0..sampled.texels()).step_by(step) {
+    // What is limited where no pose looked has limits of its own.
+    let limited = |index: &usize| map.extra.get("bounded").is_some_and(|plane| plane[*index] > 0.0);
+    for index in (0..sampled.texels()).step_by(step).filter(|index| !limited(index)) {
         workspace.settle(&poses, sampled, index);
         workspace.load(&poses, sampled, index, options);
         let task = workspace.aim(options, &[0, 1, 2]);
@@ -156,11 +157,30 @@ fn check(name: &str, sampled: &SampledSbrdf, options: &FitOptions, step: usize, 
 #[test]
 fn on_the_small_demo_fits_reach_the_best_of_64_random_starts_and_are_never_above_nested_fits() {
     let sampled = photographed(Size::Small, 120, None);
-    for (lobes, isotropic) in [(1, true), (2, true), (2, false), (3, true)] {
-        check("demo", &sampled, &fixed(lobes, isotropic), 23, 0.95);
+    // 101 texels: two standard errors below what the long sweep asks for.
+    for (lobes, isotropic, least) in [(1, true, 0.97), (2, true, 0.935), (2, false, 0.935), (3, true, 0.9)] {
+        check("demo", &sampled, &fixed(lobes, isotropic), 23, least);
     }
     let sigma = FitOptions { weights: Weights::Sigma, residual: Residual::Linear, ..fixed(2, false) };
-    check("demo by sigma", &sampled, &sigma, 23, 0.95);
+    check("demo by sigma", &sampled, &sigma, 23, 0.935);
+}
+
+#[test]
+fn without_noise_the_truth_is_found() {
+    let mut random = Random::new(9);
+    let mut workspace = Workspace::default();
+    let mut found = [0; 2];
+    for seed in 0..40 {
+        let lobes = 1 + seed as usize % 2;
+        let truth = material(lobes, &mut random);
+        let data = samples(&directions(if lobes == 1 { 60 } else { 200 }, seed), |wi, wo| truth.eval(wi, wo));
+        workspace.take(&data);
+        let fit = workspace.fit(&fixed(lobes, true));
+        let error = relative_error(&fit.brdf, &truth, &directions(300, 999));
+        println!("{seed}: {lobes} lobes, error {error:.1e}");
+        found[lobes - 1] += usize::from(error < 1e-4);
+    }
+    assert!(found[0] >= 19 && found[1] >= 19, "{found:?}");
 }
 
 #[test]

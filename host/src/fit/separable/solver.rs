@@ -8,12 +8,23 @@ use super::super::coat::WIDTHS;
 use super::super::linear::solve_spd;
 use super::super::lm::{Limits, Outcome};
 use super::super::model::{EXPONENTS, Model};
+use super::super::samples::MOST_OVER_SEEN;
 use super::bound::{self, Albedos, Bound, Caps, Pressing};
 use super::columns::{Columns, Form, Gram, MOST_LOBES, WIDTH};
 use super::data::Data;
 use super::extended;
-use super::normal::{self, Amplitudes, Layout, Normal};
+use super::normal::{self, Amplitudes, Layout, Most, Normal};
 use super::shape::{self, Family, UNKNOWNS};
+use super::uncertainty;
+
+/// Limits of lobes above the surface, over the largest value that was measured.
+pub type Tame = [f64; MOST_LOBES];
+/// No limits.
+pub const WILD: Tame = [f64::INFINITY; MOST_LOBES];
+/// Limit of a lobe that only fits noise.
+pub const UNTOLD: f64 = 1.0;
+/// Limit of a lobe that is told from noise, but hardly its shape: what it makes of grazing directions may be so much more than what was seen.
+const VAGUE: f64 = 30.0;
 
 /// The solver with its buffers; one a thread.
 #[derive(Debug, Clone)]
@@ -29,6 +40,7 @@ pub struct Solver {
     /// Largest directional albedo that amplitudes may come to, and that of a ρ_d a channel that is no unknown; none where they are free.
     bound: Option<Bound>,
     albedos: Albedos,
+    tamed: Tame,
     trial: Model,
     /// What was evaluated last, and its amplitudes.
     last: Option<(Family, bool, Amplitudes)>,
@@ -44,6 +56,7 @@ impl Default for Solver {
             arch: Arch::new(),
             bound: None,
             albedos: Albedos::default(),
+            tamed: WILD,
             trial: Model::default(),
             last: None,
             last_model: Model::default(),
@@ -122,9 +135,10 @@ impl Solver {
         }
         let layout = self.layout(family, diffuse, model);
         self.arch.dispatch(Fill(&mut self.columns, &self.data, &mut self.gram, model, layout));
-        let mut at = normal::amplitudes(&self.gram, layout, [self.data.most, self.data.scale]);
+        let most = self.most(model);
+        let mut at = normal::amplitudes(&self.gram, layout, &most);
         if let Some(bound) = self.bound {
-            let caps = self.caps(bound);
+            let caps = Caps { bound, most, scale: self.data.scale };
             bound::hold(&mut self.albedos, &mut at, &self.gram, layout, model, &caps);
         }
         self.last = Some((family, diffuse, at));
@@ -132,9 +146,47 @@ impl Solver {
         at
     }
 
-    fn caps(&self, bound: Bound) -> Caps {
-        let Data { most, scale, .. } = self.data;
-        Caps { bound, most: [most, scale], scale }
+    fn most(&self, model: &Model) -> Most {
+        let mut shares = [1.0; MOST_LOBES];
+        for ((share, lobe), limit) in shares.iter_mut().zip(&model.lobes).zip(self.tamed) {
+            if limit.is_finite() {
+                *share = (limit / (MOST_OVER_SEEN * lobe.growth())).min(1.0);
+            }
+        }
+        Most { lobes: self.data.most, coats: self.data.scale, shares }
+    }
+
+    /// From here on no lobe exceeds its limit, times the largest value that was measured, anywhere above the surface.
+    pub fn tame(&mut self, limits: Tame) {
+        if self.tamed != limits {
+            (self.tamed, self.last) = (limits, None);
+        }
+    }
+
+    /// Limits for the lobes of a model that was evaluated last of which the samples do not tell the shape and which exceed them where no pose looked;
+    /// none where no lobe does. Lobes that were `chosen` for what they predict do not only fit noise.
+    pub fn wild(&self, task: (Family, bool), chosen: bool, model: &Model, at: &Amplitudes) -> Option<Tame> {
+        let layout = self.layout(task.0, task.1, model);
+        let exceeds = |index: usize, limit: f64| {
+            let growth = MOST_OVER_SEEN * model.lobes[index].growth();
+            (0..layout.channels)
+                .any(|channel| at.x[channel][1 + index] * growth > limit * self.data.most[channel])
+        };
+        let loud = |index: &usize| exceeds(*index, 1.0 + 1e-9);
+        if !(0..model.lobes.len()).any(|index| loud(&index)) {
+            return None;
+        }
+        let told = uncertainty::told(self, layout, at);
+        let sigma = uncertainty::sigma(self, task.0, task.1, model, at);
+        let mut limits = WILD;
+        for index in (0..model.lobes.len()).filter(loud) {
+            if !told[index] && !chosen {
+                limits[index] = UNTOLD;
+            } else if sigma.lobes[index].n >= EXPONENTS[1] && exceeds(index, VAGUE) {
+                limits[index] = VAGUE;
+            }
+        }
+        (limits != WILD).then_some(limits)
     }
 
     /// Holds all amplitudes from here on to a bound, or frees them.
@@ -147,7 +199,7 @@ impl Solver {
     /// The largest directional albedo of a model over what a bound allows; above 1 where it is broken.
     pub fn excess(&mut self, task: (Family, bool), model: &Model, at: &Amplitudes, bound: Bound) -> f64 {
         let layout = self.layout(task.0, task.1, model);
-        let caps = self.caps(bound);
+        let caps = Caps { bound, most: self.most(model), scale: self.data.scale };
         bound::excess(&mut self.albedos, layout, model, at, &caps)
     }
 

@@ -115,8 +115,10 @@ pub struct Found {
     pub outcome: Outcome,
     /// Squared residuals of the poses, each predicted without it; empty where there is no choice to make.
     pub left_out: Vec<f64>,
-    /// The models with 1, 2, … lobes that there was a choice of; the one model where there was none.
+    /// The models with 1, 2, … lobes that there was a choice of, or that it came from where there was none.
     pub known: Vec<Known>,
+    /// Whether another number of lobes would do almost as well, see [`choice`].
+    pub doubtful: bool,
 }
 
 impl Found {
@@ -144,7 +146,7 @@ impl Found {
             solver.evaluate(task.family, task.diffuse, &model);
             left_out = choice::left_out(solver, task, &model, &at);
         }
-        Self { model, at, outcome, left_out, known: Vec::new() }
+        Self { model, at, outcome, left_out, known: Vec::new(), doubtful: false }
     }
 
     /// A model that is optimised, with how well it predicts left-out poses.
@@ -152,7 +154,7 @@ impl Found {
         let at = solver.evaluate(task.family, task.diffuse, &known.model);
         let left_out = choice::left_out(solver, task, &known.model, &at);
         let outcome = Outcome { cost: at.cost, iterations: 0, converged: true };
-        Self { model: known.model.clone(), at, outcome, left_out, known: Vec::new() }
+        Self { model: known.model.clone(), at, outcome, left_out, known: Vec::new(), doubtful: false }
     }
 
     /// The model with its cost.
@@ -307,7 +309,7 @@ impl Search {
     ) -> Known {
         let of = |known: &Known| Candidate { cost: known.cost, model: known.model.clone() };
         let mut beam: Vec<Candidate> = below.map(of).into_iter().collect();
-        if wide.is_none() && followed.is_none() && task.lobes > 1 {
+        if wide.is_none() && (followed.is_none() || task.lobes > 2 && !task.choose) && task.lobes > 1 {
             // Sets that look worse with few lobes may be the better ones with more.
             let mut other = vec![Candidate { cost: f64::INFINITY, model: Model::default() }];
             for lobes in 1..task.lobes {
@@ -344,6 +346,12 @@ impl Search {
         let found = best.unwrap_or_else(|| Found::of(solver, task, Model::default()).known(solver));
         // What a search came to here is what neighbours are judged by.
         Known { level: found.cost / solver.data.valid.max(1) as f64, ..found }
+    }
+
+    /// The model with the bank's best lobe more, after a few steps.
+    pub fn one_more(&mut self, solver: &mut Solver, bank: &Bank, task: Task, model: &Model) -> Option<Model> {
+        let set = Candidate { cost: f64::INFINITY, model: model.clone() };
+        self.extended(solver, bank, task, &[set], true).pop().map(|set| set.model)
     }
 
     /// By how much the bank's best shape would lower the cost beside a model's, to first order.

@@ -1,5 +1,6 @@
 //! One texel: weights, start, optimisation, and the result as a BRDF.
 
+use glam::DVec3;
 use pulp::WithSimd;
 
 use super::super::model::Model;
@@ -17,7 +18,7 @@ use super::normal::{Amplitudes, Layout};
 use super::prior;
 use super::robust;
 use super::shape::Family;
-use super::solver::Solver;
+use super::solver::{Solver, UNTOLD, WILD};
 use super::start::{self, Effort, Search, Task};
 use super::uncertainty::{self, Sigma};
 use crate::reflectance::{LobeBrdf, Microfacet, Rgb};
@@ -41,6 +42,8 @@ pub struct Workspace {
     neighbour: Vec<Option<Solution>>,
     /// What was found for the channels that were fitted last.
     trail: Trail,
+    /// Whether another number of lobes would have done almost as well there.
+    pub(super) doubtful: bool,
 }
 
 /// A model of a family.
@@ -212,7 +215,7 @@ impl Workspace {
         let mut brdf = LobeBrdf { rho_d: fixed.map_or(Rgb::ZERO, rgb), ..LobeBrdf::default() };
         let mut sigma = Sigma::default();
         let (mut error, mut whole, mut free_error) = (0.0, 0.0, 0.0);
-        let (mut tied, mut bounded) = (0, false);
+        let (mut tied, mut bounded, mut doubtful) = (0, false, false);
         for (place, channels) in channel_groups(options).iter().enumerate() {
             let whole_task = self.aim(options, channels);
             let (mut task, mut model) = search(self, place, whole_task);
@@ -221,6 +224,7 @@ impl Workspace {
                     search(workspace, place, task)
                 });
             }
+            doubtful |= std::mem::take(&mut self.doubtful);
             let free = self.squares(task, &model, channels).0;
             if let Some(bound) = self.bound(options, channels) {
                 if let Some(held) = self.bounded(whole_task, (task, &model), bound) {
@@ -228,6 +232,9 @@ impl Workspace {
                 }
                 // Whatever moves shapes from here on keeps the bound too.
                 self.solver.hold(Some(bound));
+                if let Some(tamed) = self.tamed(task, &model) {
+                    (model, bounded) = (tamed, true);
+                }
             }
             if tie {
                 tied += self.tie(place, task, &mut model);
@@ -257,6 +264,7 @@ impl Workspace {
             sigma: Some(sigma),
             mirror: self.mirror.clone(),
             tied,
+            doubtful,
             bound_price: bounded.then(|| (share(error) - share(free_error)).max(0.0)),
         }
     }
@@ -307,6 +315,43 @@ impl Workspace {
         Some(if from_search <= worth * from_free { (searched_task, searched) } else { (task, near) })
     }
 
+    /// The fit where the samples do not tell a lobe's shape and it would exceed all that was measured where no pose looked: there it may not. From the
+    /// shapes as they are, from lobes that do not grow toward grazing, and from the fit with one lobe less and the bank.
+    fn tamed(&mut self, task: Task, model: &Model) -> Option<Model> {
+        let Self { solver, bank, search, trail, .. } = self;
+        let of = (task.family, task.diffuse);
+        let at = solver.evaluate(of.0, of.1, model);
+        let wild = solver.wild(of, task.choose, model, &at)?;
+        let mut level = model.clone();
+        for (lobe, _) in level.lobes.iter_mut().zip(wild).filter(|(_, limit)| limit.is_finite()) {
+            let side = if lobe.c.x < 0.0 { -1.0 } else { 1.0 };
+            lobe.c = DVec3::new(side, side, 1.0).normalize();
+        }
+        let mut starts = vec![(model.clone(), wild), (level, wild)];
+        let plain = Layout::of(task.family, model).extension.is_none();
+        let own = trail.iter().find(|known| known.len() == model.lobes.len());
+        let below = model.lobes.len().checked_sub(2).and_then(|place| own?.get(place));
+        if let Some(below) = below.filter(|_| plain) {
+            let at = solver.evaluate(of.0, of.1, &below.model);
+            let mut limits = solver.wild(of, task.choose, &below.model, &at).unwrap_or(WILD);
+            limits[below.model.lobes.len()] = UNTOLD;
+            solver.tame(limits);
+            let task = Task { effort: Effort { beam: 1, ..task.effort }, ..task };
+            starts.extend(search.one_more(solver, bank, task, &below.model).map(|model| (model, limits)));
+        }
+        let mut best: Option<(f64, Model, _)> = None;
+        for (mut model, limits) in starts {
+            solver.tame(limits);
+            let cost = start::minimise(solver, task, task.effort.limits, &mut model).1.cost;
+            if best.as_ref().is_none_or(|(least, ..)| cost < *least) {
+                best = Some((cost, model, limits));
+            }
+        }
+        let (_, model, limits) = best?;
+        solver.tame(limits);
+        Some(model)
+    }
+
     /// Ties what the samples do not tell of the model of a group of channels to the neighbour's, or else to Phong's; leaves in its place what the next
     /// texel may be tied to.
     fn tie(&mut self, group: usize, task: Task, model: &mut Model) -> usize {
@@ -351,6 +396,7 @@ impl Workspace {
     pub fn aim(&mut self, options: &FitOptions, channels: &[usize]) -> Task {
         let fixed = self.fixed_diffuse(options);
         self.solver.hold(None);
+        self.solver.tame(WILD);
         let arch = self.solver.arch;
         arch.dispatch(Aim(&mut self.solver.data, channels, options.residual, fixed));
         self.solver.begin();
