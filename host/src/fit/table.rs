@@ -179,10 +179,10 @@ pub fn fit(
 fn check(table: &MeasuredTable, sizes: &[Size], options: &TableOptions) -> Result<()> {
     for size in sizes {
         super::FitOptions { lobes: size.lobes, method: options.method, ..Default::default() }.check()?;
-        if size.microfacet && options.method == Method::LineSearch {
+        if size.microfacet && options.method.line_search().is_some() {
             return Err(Error::input("the line search fits no microfacet term; use --method lm"));
         }
-        if size.sharpening && options.method == Method::LineSearch {
+        if size.sharpening && options.method.line_search().is_some() {
             return Err(Error::input("the line search fits no lobes that sharpen; use --method lm"));
         }
     }
@@ -217,9 +217,11 @@ fn one(
     let mut optimiser = Optimiser::default();
     let problem = Problem { samples: &training, target: &target, freedom: FREEDOM, fixed_diffuse: 0.0 };
     let mut start_ratio = None;
-    let (mut model, mut outcome) = if options.method == Method::LineSearch && lobes > 0 {
+    let (mut model, mut outcome) = if let Some(variant) = options.method.line_search()
+        && lobes > 0
+    {
         let rho_d = diffuse::percentile(&mut training.value.clone(), PERCENTILE);
-        let model = line_search::fit(&training, &target, rho_d, FREEDOM);
+        let model = line_search::fit(&training, &target, rho_d, FREEDOM, variant);
         let cost = optimiser.evaluate(&training, &target, &model);
         (model, Outcome { cost, iterations: 0, converged: true })
     } else {
@@ -253,7 +255,7 @@ fn one(
     } else {
         Vec::new()
     };
-    let fitted = free.is_none() && options.method != Method::LineSearch;
+    let fitted = free.is_none() && options.method.line_search().is_none();
     WavelengthFit {
         wavelength_nm,
         size,
