@@ -25,6 +25,15 @@ pub struct PoseGeometry {
     pub weight: f64,
 }
 
+impl PoseGeometry {
+    /// Moves the camera to within about 6° of the mirror direction of the light, by as much as its own direction is off the normal.
+    pub fn aim_at_highlight(&mut self) {
+        let mirror = DVec3::new(-self.light_mm.x, -self.light_mm.y, self.light_mm.z);
+        let camera = self.camera_mm;
+        self.camera_mm = mirror + 0.1 * DVec3::new(camera.x, camera.y, 0.0);
+    }
+}
+
 /// Reflectance of `height` × `width` texels at every pose: a whole sample, or a window of one.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SampledSbrdf {

@@ -60,7 +60,10 @@ fn candidates() -> Vec<(String, FitOptions)> {
         residual: Residual::Linear,
         ..FitOptions::default()
     };
-    let mut candidates = vec![("line search, 1 lobe".to_string(), one(Method::LineSearch, 1, false))];
+    let mut candidates = vec![
+        ("line search, 1 lobe".to_string(), one(Method::LineSearch, 1, false)),
+        ("scaled line search, 1 lobe".to_string(), one(Method::LineSearchScaled, 1, false)),
+    ];
     for (method, most) in [(Method::Ratio, 2), (Method::Lm, 3), (Method::Separable, MOST_LOBES)] {
         for lobes in 0..=most {
             let plural = if lobes == 1 { "lobe" } else { "lobes" };

@@ -17,6 +17,8 @@ mod filtering;
 pub mod fit;
 pub mod interpolation;
 pub mod lights;
+#[cfg(feature = "sim")]
+pub mod materials;
 mod models;
 pub mod plan;
 mod plot;
@@ -25,8 +27,6 @@ mod residual;
 pub mod stability;
 pub mod storage;
 mod table;
-#[cfg(feature = "sim")]
-mod weave;
 
 pub use plot::{Axis, Plot, Series};
 pub use table::{Cell, Table};

@@ -26,6 +26,9 @@ enum What {
     /// Time and error of fits by method, number of lobes and noise; models beyond lobes by material; cost by the amount of data; direction of anisotropy by blur; CPU and
     /// GPU
     Fit,
+    /// Seconds, RMS and sizes of nine materials by method, after table 3.4 of the source
+    #[cfg(feature = "sim")]
+    Materials,
     /// Poses and travel of plans by their density
     Plan {
         /// The rig; the default one when not given
@@ -73,6 +76,8 @@ pub(super) fn run(args: &ChartArgs, context: &mut Context) -> Result<()> {
     let seed = context.seed;
     let chart = match &args.what {
         What::Fit => context.report.stage("chart", || chart::fit::chart(seed))?,
+        #[cfg(feature = "sim")]
+        What::Materials => context.report.stage("chart", || chart::materials::chart(seed))?,
         What::Plan { rig } => {
             let config = match rig {
                 Some(path) => {

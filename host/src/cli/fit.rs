@@ -137,6 +137,9 @@ pub(super) enum MethodName {
     Separable,
     /// The published line search over the exponent; one lobe
     LineSearch,
+    /// The line search with its error over the roots' mean square, and over all exponents: n stands a hundred times the noise, C does not; one
+    /// lobe
+    LineSearchScaled,
     /// Levenberg–Marquardt over shapes and albedos, on luminance, then colours
     Lm,
     /// As lm, with one colour for all lobes as published: the mean ratio of the samples to the lobes; for comparison, since it fails with
@@ -229,6 +232,7 @@ impl FitArgs {
     fn method(&self, residual: Residual) -> Method {
         match self.method {
             MethodName::LineSearch => Method::LineSearch,
+            MethodName::LineSearchScaled => Method::LineSearchScaled,
             MethodName::Separable => Method::Separable,
             MethodName::Ratio => Method::Ratio,
             MethodName::Auto if residual.is_linear() => Method::Separable,
@@ -239,7 +243,7 @@ impl FitArgs {
     fn lobes(&self) -> usize {
         match (self.lobes, self.method) {
             (Lobes::Count(count), _) => count,
-            (Lobes::Auto(most), MethodName::LineSearch) => most.min(1),
+            (Lobes::Auto(most), MethodName::LineSearch | MethodName::LineSearchScaled) => most.min(1),
             (Lobes::Auto(most), _) => most.min(AUTO_LOBES),
         }
     }

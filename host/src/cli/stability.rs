@@ -20,8 +20,8 @@ pub(super) struct StabilityArgs {
 
 #[derive(Debug, Subcommand)]
 enum What {
-    /// Fits of one noisy lobe against the Cramér–Rao bound, n from 1 to 500; β of a weave measured by the simulated rig, by registration
-    /// blur
+    /// Fits by noise, exponent and density, random starts, estimators of the diffuse term, registration blur, grazing poses and materials that
+    /// are no lobes: where each method breaks, and whether it said so
     Fit,
 }
 

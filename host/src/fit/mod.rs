@@ -1,11 +1,12 @@
 //! Fits lobes (4.1)–(4.4) to sampled reflectance: texel by texel into an SBRDF map, or to one measured table.
 //!
-//! Four methods. [`Method::Separable`]: variable projection with the albedos of all channels in closed form ([`separable`]), for residuals
+//! Five methods. [`Method::Separable`]: variable projection with the albedos of all channels in closed form ([`separable`]), for residuals
 //! that are linear in f. [`Method::Lm`]: shapes by Levenberg–Marquardt on luminance ([`lm`]) from a deterministic search for the start ([`start`]),
 //! then the colours by non-negative least squares ([`albedo`]); any number of lobes up to [`MOST_LOBES`]. [`Method::Ratio`]: the same with the published colours (4.10). [`Method::LineSearch`]: the
-//! published search over n for one lobe ([`line_search`]), above a percentile for ρ_d ([`diffuse`]).
+//! published search over n for one lobe ([`line_search`]), above a percentile for ρ_d ([`diffuse`]); [`Method::LineSearchScaled`]: a variant of it that stands noise better.
 
 pub mod albedo;
+pub mod brent;
 pub mod chunks;
 pub mod coat;
 pub mod conserve;
@@ -62,6 +63,8 @@ pub enum Method {
     Ratio,
     /// The published line search over n, one lobe.
     LineSearch,
+    /// The line search with an error that no unit of reflectance changes, over all n; one lobe.
+    LineSearchScaled,
 }
 
 impl Method {
@@ -72,6 +75,7 @@ impl Method {
             Self::Lm => "lm",
             Self::Ratio => "ratio",
             Self::LineSearch => "line-search",
+            Self::LineSearchScaled => "line-search-scaled",
         }
     }
 
@@ -82,6 +86,16 @@ impl Method {
             Self::Lm => "Levenberg–Marquardt",
             Self::Ratio => "Levenberg–Marquardt with mean ratios for colours",
             Self::LineSearch => "line search",
+            Self::LineSearchScaled => "line search with a scaled error",
+        }
+    }
+
+    /// Which line search it is, if it is one: a fit of one lobe above a ρ_d from a percentile.
+    pub fn line_search(self) -> Option<line_search::Variant> {
+        match self {
+            Self::LineSearch => Some(line_search::Variant::Published),
+            Self::LineSearchScaled => Some(line_search::Variant::Scaled),
+            Self::Separable | Self::Lm | Self::Ratio => None,
         }
     }
 }
@@ -293,7 +307,7 @@ impl FitOptions {
                 self.lobes
             )));
         }
-        if self.method == Method::LineSearch && self.lobes > 1 {
+        if self.method.line_search().is_some() && self.lobes > 1 {
             return Err(Error::input(format!(
                 "the line search fits one lobe, not {}; use --method lm for more",
                 self.lobes
@@ -379,7 +393,9 @@ fn fit_window(sampled: &SampledSbrdf, options: &FitOptions, done: impl Fn() + Sy
     let fits = match options.method {
         Method::Separable if options.device == Device::Gpu => gpu::fit(sampled, options, &done)?,
         Method::Separable => fit_blocks(sampled, options, &done),
-        Method::Lm | Method::Ratio | Method::LineSearch => fit_texels(sampled, options, &done),
+        Method::Lm | Method::Ratio | Method::LineSearch | Method::LineSearchScaled => {
+            fit_texels(sampled, options, &done)
+        }
     };
     Ok(map_of(sampled, options, &fits))
 }
@@ -536,7 +552,7 @@ fn map_of(sampled: &SampledSbrdf, options: &FitOptions, fits: &[TexelFit]) -> Sb
         extensions::add_sigmas(&mut map, fits);
     }
     let diffuse = match options.diffuse {
-        Diffuse::Joint if options.method != Method::LineSearch => "joint".to_string(),
+        Diffuse::Joint if options.method.line_search().is_none() => "joint".to_string(),
         Diffuse::Joint => format!("percentile {PERCENTILE}"),
         Diffuse::Percentile(percentile) => format!("percentile {percentile}"),
     };

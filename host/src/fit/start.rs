@@ -424,16 +424,28 @@ impl Problem<'_> {
     ) -> f64 {
         let mut best = f64::INFINITY;
         for _ in 0..starts {
-            let mut model = self.diffuse_only();
-            for _ in 0..lobes {
+            let mut shape = || {
                 let c = isotropic_c(random.uniform(0.0, std::f64::consts::TAU));
-                let n = random.uniform(0.0, 1000f64.ln()).exp();
-                model.lobes.push(lm::start_lobe(self.samples, c, n));
-            }
-            self.closed_form_amplitudes(&mut model);
-            best = best.min(self.minimise(optimiser, limits, &mut model).cost);
+                (c, random.uniform(0.0, 1000f64.ln()).exp())
+            };
+            let shapes: Vec<_> = (0..lobes).map(|_| shape()).collect();
+            best = best.min(self.from_shapes(optimiser, &shapes, limits).1.cost);
         }
         best
+    }
+
+    /// A fit from the given C and n of its lobes, with amplitudes in closed form.
+    pub fn from_shapes(
+        &self,
+        optimiser: &mut Optimiser,
+        shapes: &[(glam::DVec3, f64)],
+        limits: Limits,
+    ) -> (Model, Outcome) {
+        let mut model = self.diffuse_only();
+        model.lobes.extend(shapes.iter().map(|&(c, n)| lm::start_lobe(self.samples, c, n)));
+        self.closed_form_amplitudes(&mut model);
+        let outcome = self.minimise(optimiser, limits, &mut model);
+        (model, outcome)
     }
 
     /// Sets the amplitudes that minimise the linearised cost for the model's shapes.

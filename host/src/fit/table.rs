@@ -192,10 +192,10 @@ pub fn fit(
 fn check(table: &MeasuredTable, sizes: &[Size], options: &TableOptions) -> Result<()> {
     for size in sizes {
         super::FitOptions { lobes: size.lobes, method: options.method, ..Default::default() }.check()?;
-        if size.microfacet && options.method == Method::LineSearch {
+        if size.microfacet && options.method.line_search().is_some() {
             return Err(Error::input("the line search fits no microfacet term; use --method lm"));
         }
-        if size.sharpening && options.method == Method::LineSearch {
+        if size.sharpening && options.method.line_search().is_some() {
             return Err(Error::input("the line search fits no lobes that sharpen; use --method lm"));
         }
     }
@@ -238,9 +238,11 @@ fn one(
     let mut optimiser = Optimiser::default();
     let problem = Problem { samples: &part, target: &target, freedom: FREEDOM, fixed_diffuse: 0.0 };
     let mut start_ratio = None;
-    let (mut model, mut outcome) = if options.method == Method::LineSearch && lobes > 0 {
+    let (mut model, mut outcome) = if let Some(variant) = options.method.line_search()
+        && lobes > 0
+    {
         let rho_d = diffuse::percentile(&mut part.value.clone(), PERCENTILE);
-        let model = line_search::fit(&part, &target, rho_d, FREEDOM);
+        let model = line_search::fit(&part, &target, rho_d, FREEDOM, variant);
         let cost = optimiser.evaluate(&part, &target, &model);
         (model, Outcome { cost, iterations: 0, converged: true })
     } else {
@@ -266,7 +268,7 @@ fn one(
         Vec::new()
     };
     let mut thinned = None;
-    if thin.is_some() {
+    if thin.is_some() && options.method.line_search().is_none() {
         let before = optimiser.evaluate(&training, &whole, &model);
         let problem = Problem { samples: &training, target: &whole, freedom: FREEDOM, fixed_diffuse: 0.0 };
         outcome = problem.minimise(&mut optimiser, Effort::TABLE.limits, &mut model);

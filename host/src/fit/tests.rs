@@ -280,7 +280,7 @@ fn a_negative_mean_and_a_black_texel_fit_to_black() {
     let mut workspace = Workspace::default();
     for value in [0.0, -1e-4] {
         workspace.samples = testing::samples(&directions(50, 2), |_, _| Rgb::splat(value));
-        for method in [Method::Lm, Method::LineSearch] {
+        for method in [Method::Lm, Method::LineSearch, Method::LineSearchScaled] {
             let fit = texel::fit(&mut workspace, &FitOptions { method, ..Default::default() });
             assert!(fit.brdf.rho_d.max_element() <= 1e-6, "{fit:?}");
             assert!(fit.brdf.lobes.iter().all(|lobe| lobe.rho_s.max_element() <= 1e-6), "{fit:?}");
@@ -306,7 +306,7 @@ fn the_percentile_keeps_its_value_in_the_fit() {
     workspace.samples = measured(&directions(200, 1), &truth, 0.0, &mut random);
     let mut red: Vec<f64> = workspace.samples.rgb.iter().map(|rgb| rgb[0]).collect();
     let expected = diffuse::percentile(&mut red, 10.0);
-    for method in [Method::Lm, Method::LineSearch] {
+    for method in [Method::Lm, Method::LineSearch, Method::LineSearchScaled] {
         let options = FitOptions { diffuse: Diffuse::Percentile(10.0), method, ..Default::default() };
         let fit = texel::fit(&mut workspace, &options);
         assert!((f64::from(fit.brdf.rho_d.x) - expected).abs() < 1e-6);

@@ -130,7 +130,9 @@ fn fixed_diffuse(samples: &Samples, options: &FitOptions, lobes: usize) -> Optio
         _ if lobes == 0 => None,
         (Diffuse::Joint, Method::Lm | Method::Ratio | Method::Separable) => None,
         (Diffuse::Percentile(percentile), _) => Some(percentile_of(samples, percentile)),
-        (Diffuse::Joint, Method::LineSearch) => Some(percentile_of(samples, super::PERCENTILE)),
+        (Diffuse::Joint, Method::LineSearch | Method::LineSearchScaled) => {
+            Some(percentile_of(samples, super::PERCENTILE))
+        }
     }
 }
 
@@ -156,8 +158,8 @@ fn shapes(
     };
     let freedom = Freedom { isotropic: options.isotropic, diffuse: diffuse.is_none() };
     let fixed_diffuse = diffuse.unwrap_or(0.0);
-    match options.method {
-        Method::LineSearch if lobes > 0 => line_search::fit(samples, target, fixed_diffuse, freedom),
+    match options.method.line_search() {
+        Some(variant) if lobes > 0 => line_search::fit(samples, target, fixed_diffuse, freedom, variant),
         _ => {
             let problem = Problem { samples, target, freedom, fixed_diffuse };
             search.best(optimiser, &problem, lobes, Effort::TEXEL).0

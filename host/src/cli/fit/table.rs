@@ -42,6 +42,7 @@ pub(super) fn fit(args: &FitArgs, input: &Path, seed: u64) -> Result<FitOutcome>
     }
     let method = match args.method {
         MethodName::LineSearch => Method::LineSearch,
+        MethodName::LineSearchScaled => Method::LineSearchScaled,
         MethodName::Auto | MethodName::Lm => Method::Lm,
         MethodName::Separable | MethodName::Ratio => {
             return Err(Error::input(
@@ -262,7 +263,7 @@ fn coefficients(fits: &[WavelengthFit]) -> serde_json::Value {
 fn sizes(args: &FitArgs, method: Method) -> (Vec<Size>, Take) {
     let alone = |lobes: usize| Size { lobes, sharpening: false, microfacet: false };
     let with = |lobes: usize| Size { lobes, sharpening: false, microfacet: true };
-    let most = if method == Method::LineSearch { 1 } else { AUTO_LOBES };
+    let most = if method.line_search().is_some() { 1 } else { AUTO_LOBES };
     match args.lobes {
         Lobes::Auto(limit) if method == Method::Lm => {
             let mut sizes = Vec::new();

@@ -1,15 +1,16 @@
-//! The failure atlas: methods where they break. Fits of one noisy lobe against the Cramér–Rao bound; the direction of anisotropy under blur.
+//! Fits of one noisy lobe against the Cramér–Rao bound, at random poses and at poses aimed at the highlight.
 
 use glam::{DVec3, Vec3};
 
-use super::{Axis, Chart, Plot, Section, Series, Table};
+use super::POSES;
+use crate::chart::{Axis, Cell, Plot, Section, Series, Table};
 use crate::error::{Error, Result};
 use crate::fit::linear::{factor, substitute};
-use crate::fit::{self, FitOptions, Method, Residual};
+use crate::fit::{self, AlbedoBound, FitOptions, Method, Residual};
 use crate::progress;
-use crate::reflectance::{Brdf, Lobe, LobeBrdf, Rgb, SbrdfMap};
-use crate::sampled::SampledSbrdf;
-use crate::synth::{self, Options};
+use crate::reflectance::{Lobe, LobeBrdf, Rgb, SbrdfMap};
+use crate::sampled::{PoseGeometry, SampledSbrdf};
+use crate::synth;
 
 /// Exponents of the lobe.
 const EXPONENTS: [f64; 6] = [1.0, 4.0, 16.0, 64.0, 200.0, 500.0];
@@ -17,8 +18,6 @@ const EXPONENTS: [f64; 6] = [1.0, 4.0, 16.0, 64.0, 200.0, 500.0];
 const NOISES: [f64; 4] = [1e-4, 1e-3, 3e-3, 1e-2];
 /// Edge of a sample, texels: so many repeats with new noise are fitted.
 const SIDE: usize = 32;
-/// Poses.
-const POSES: usize = 456;
 /// The variance may be so many times the bound. 1,024 repeats tell it to 4.4 %.
 const MOST_OVER_BOUND: f64 = 1.2;
 /// The samples contain the information if the bound on the standard deviation of n is at most this share of n: beyond it, no fit's
@@ -28,8 +27,9 @@ const TELLING: f64 = 0.1;
 const OUTLYING: f64 = 5.0;
 
 /// The unknowns: ρ_d and ρ_s of three channels, n, and Cz/Cx, which the scale of C leaves alone.
-const UNKNOWNS: usize = 8;
-const EXPONENT: usize = 6;
+pub(super) const UNKNOWNS: usize = 8;
+/// Place of n among them.
+pub(super) const EXPONENT: usize = 6;
 const RATIO: usize = 7;
 
 /// A lobe that stands for a glossy paint: ρ_d, ρ_s, and C = (−1, −1, Cz).
@@ -48,27 +48,12 @@ struct Outcome {
     worst_factor: f64,
 }
 
-/// Fits one noisy lobe again and again by the separable fit, LM and the published line search.
+/// The fits at random poses, or where a quarter of them is aimed at the highlight.
 ///
 /// # Errors
 /// When the bound does not exist, which the poses rule out.
-pub fn fit(seed: u64) -> Result<Chart> {
-    Ok(Chart {
-        name: "stability-fit".into(),
-        title: "Where fits break".into(),
-        lead: "No unbiased fit can have a smaller variance than the Cramér–Rao bound; one that is far above it, or far off where it says that it is not, cannot be trusted. Where photographs are badly registered, threads of a weave mix.".into(),
-        sections: vec![
-            section(seed, false)?,
-            section(seed, true)?,
-            #[cfg(feature = "sim")]
-            super::weave::section(seed)?,
-        ],
-    })
-}
-
-/// The fits at random poses, or where a quarter of them is aimed at the highlight.
-fn section(seed: u64, aimed: bool) -> Result<Section> {
-    let methods = [Method::Separable, Method::Lm, Method::LineSearch];
+pub(super) fn section(seed: u64, aimed: bool) -> Result<Section> {
+    let methods = [Method::Separable, Method::Lm];
     let bar = progress::bar("fitting", (EXPONENTS.len() * NOISES.len() * methods.len()) as u64, "fits");
     let columns = [
         "method",
@@ -88,7 +73,7 @@ fn section(seed: u64, aimed: bool) -> Result<Section> {
         let mut points = vec![Vec::new(); methods.len()];
         for n in EXPONENTS {
             let sampled = repeats(n, noise, seed, aimed);
-            let bound = bound(&sampled, n, noise)?;
+            let bound = bound(&sampled, &truth(n), noise)?;
             let share = bound[EXPONENT].sqrt() / n;
             for (k, &method) in methods.iter().enumerate() {
                 let outcome = judge(&sampled, method, n, &bound)?;
@@ -129,7 +114,7 @@ fn section(seed: u64, aimed: bool) -> Result<Section> {
 }
 
 /// A row of the table.
-fn row(method: Method, n: f64, noise: f64, share: f64, outcome: &Outcome) -> [super::Cell; 10] {
+fn row(method: Method, n: f64, noise: f64, share: f64, outcome: &Outcome) -> [Cell; 10] {
     let verdict = match outcome.outliers {
         Some(count) if count > 0 => "no",
         None if share > TELLING => "untold, not stated",
@@ -154,25 +139,19 @@ fn row(method: Method, n: f64, noise: f64, share: f64, outcome: &Outcome) -> [su
 
 /// The same texel with new noise, over and over.
 fn repeats(n: f64, noise: f64, seed: u64, aimed: bool) -> SampledSbrdf {
-    // Texels so small that all have the same directions.
-    let options =
-        Options { width: SIDE, height: SIDE, texel_mm: 1e-6, poses: POSES, noise, relative_noise: 0.0, seed };
-    let truth = truth(n);
     let mut poses = synth::poses(POSES, seed);
-    for pose in poses.iter_mut().take(if aimed { POSES / 4 } else { 0 }) {
-        let light = pose.light_mm;
-        // The camera's own direction, random as it is, shifts it off the mirror direction.
-        let mirror = DVec3::new(-light.x, -light.y, light.z);
-        pose.camera_mm = mirror + 0.1 * (pose.camera_mm - pose.camera_mm.z * DVec3::Z);
-    }
-    synth::sample_at(poses, &options, |_, _, wi, wo| truth.eval(wi, wo))
+    poses.iter_mut().take(if aimed { POSES / 4 } else { 0 }).for_each(PoseGeometry::aim_at_highlight);
+    super::repeats(poses, SIDE, &truth(n), noise, seed)
 }
 
-/// The Cramér–Rao bound: the inverse of the Fisher information JᵀJ/σ², its diagonal.
-fn bound(sampled: &SampledSbrdf, n: f64, noise: f64) -> Result<[f64; UNKNOWNS]> {
-    let truth = truth(n);
+/// The Cramér–Rao bound of one isotropic lobe C = (−1, −1, Cz) and ρ_d with noise of σ in every channel: the inverse of the Fisher information
+/// JᵀJ/σ², its diagonal.
+///
+/// # Errors
+/// When the poses do not determine the lobe.
+pub(super) fn bound(sampled: &SampledSbrdf, truth: &LobeBrdf, noise: f64) -> Result<[f64; UNKNOWNS]> {
     let lobe = truth.lobes[0];
-    let ratio = f64::from(lobe.c.z);
+    let (ratio, n) = (f64::from(lobe.c.z), f64::from(lobe.n));
     let mut information = [0.0; UNKNOWNS * UNKNOWNS];
     for pose in 0..sampled.poses.len() {
         let (wi, wo) = sampled.directions(0, pose);
@@ -215,7 +194,8 @@ fn bound(sampled: &SampledSbrdf, n: f64, noise: f64) -> Result<[f64; UNKNOWNS]> 
 
 /// Fits the repeats and compares.
 fn judge(sampled: &SampledSbrdf, method: Method, n: f64, bound: &[f64; UNKNOWNS]) -> Result<Outcome> {
-    let options = FitOptions { method, residual: Residual::Linear, ..FitOptions::default() };
+    let options =
+        FitOptions { method, residual: Residual::Linear, bound: AlbedoBound::Free, ..FitOptions::default() };
     let map = fit::fit_sbrdf(sampled, &options)?;
     let lobe = &map.lobes[0];
     let exponents: Vec<f64> = lobe.n.iter().map(|&n| f64::from(n)).collect();
@@ -260,7 +240,7 @@ mod tests {
         ];
         for (n, noise, aimed) in cases {
             let sampled = repeats(n, noise, 1, aimed);
-            let bound = bound(&sampled, n, noise).unwrap();
+            let bound = bound(&sampled, &truth(n), noise).unwrap();
             let outcome = judge(&sampled, Method::Separable, n, &bound).unwrap();
             println!("n {n}, noise {noise}: {:?}, {:?}", outcome.over_bound, outcome.outliers);
             assert_eq!(outcome.outliers, Some(0));

@@ -11,9 +11,9 @@ use glam::DVec2;
 use lobelia_hil_sim::optics::{Material, SampleLayout};
 use rayon::prelude::*;
 
-use super::{Axis, Plot, Section, Series, Table};
 use crate::acquire::recipe::{PatternRecipe, Recipe};
 use crate::acquire::{self, RunFolder, simulated};
+use crate::chart::{Axis, Plot, Section, Series, Table};
 use crate::demo::Size;
 use crate::develop::{self, Photographed, Photographs};
 use crate::error::{Error, Result};
@@ -27,7 +27,7 @@ use crate::sampled::{SampledSbrdf, texel_position_mm};
 use crate::toml_file;
 
 /// The cloth.
-const CLOTH: &str = include_str!("../../../examples/cloth.toml");
+const CLOTH: &str = include_str!("../../../../examples/cloth.toml");
 /// Direction in which its warp is brightest.
 const BETA_DEG: f32 = 17.0;
 /// Texels a thread.
