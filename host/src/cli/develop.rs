@@ -35,6 +35,7 @@ pub(super) fn run(args: &DevelopArgs, context: &mut Context) -> Result<()> {
             )),
         }
     }
+    developed.common_fault.iter().for_each(|fault| context.note(fault));
     context.report.stage("write", || developed.sampled.write_zarr(&args.output))?;
     let kept: Vec<_> = developed.registrations.iter().flatten().collect();
     let rms = (kept.iter().map(|r| r.residual_mm.powi(2)).sum::<f64>() / kept.len() as f64).sqrt();

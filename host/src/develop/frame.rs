@@ -45,6 +45,14 @@ pub fn decode(bytes: &[u8], path: &Path) -> Result<RawFrame> {
     };
     let mut decoder = Decoder::new(Cursor::new(bytes)).map_err(damaged)?;
     let (width, height) = decoder.dimensions().map_err(damaged)?;
+    let orientation = decoder.find_tag(tiff::tags::Tag::Orientation).map_err(damaged)?;
+    if let Some(turned) = orientation.and_then(|value| value.into_u32().ok()).filter(|&value| value > 1) {
+        let message = format!(
+            "its Orientation is {turned}, so its rows are not the sensor's as they lie; switch off the rotation of \
+             photographs in the camera or its software"
+        );
+        return Err(Error::input(format!("{}: {message}", path.display())));
+    }
     let DecodingResult::U16(values) = decoder.read_image().map_err(damaged)? else {
         return Err(Error::input(format!("{}: not a 16-bit frame", path.display())));
     };
@@ -113,5 +121,26 @@ mod tests {
         let path = folder.path().join("shot.tiff");
         std::fs::write(&path, b"\xff\xd8\xff\xe0\x00\x10JFIF").unwrap();
         assert!(read(&path).unwrap_err().to_string().contains("not linear"));
+    }
+
+    /// TIFF 6.0, page 36: 1 is the one orientation whose rows lie as they are stored.
+    #[test]
+    fn a_frame_that_says_that_it_is_turned_is_refused() {
+        use tiff::encoder::{Rational, TiffEncoder, colortype::Gray16};
+        let of = |orientation: u16| {
+            let mut bytes = Cursor::new(Vec::new());
+            let mut encoder = TiffEncoder::new(&mut bytes).unwrap();
+            let mut image = encoder.new_image::<Gray16>(4, 2).unwrap();
+            let directory = image.encoder();
+            directory.write_tag(tiff::tags::Tag::Orientation, orientation).unwrap();
+            directory.write_tag(tiff::tags::Tag::Unknown(0x829a), Rational { n: 1, d: 50 }).unwrap();
+            image.write_data(&[5; 8]).unwrap();
+            decode(bytes.get_ref(), Path::new("shot.tiff"))
+        };
+        assert_eq!(of(1).unwrap().values, [5; 8]);
+        for turned in 2..=8 {
+            let message = of(turned).unwrap_err().to_string();
+            assert!(message.contains(&format!("shot.tiff: its Orientation is {turned}")), "{message}");
+        }
     }
 }

@@ -23,9 +23,11 @@ pub mod radiance;
 pub mod reflectance;
 pub mod registration;
 pub mod resample;
+pub mod seen;
+mod shifted;
 
 use radiance::{BracketedFrame, DarkSignal, MosaicRadiance};
-use registration::Registration;
+use registration::{Registration, Unregistered};
 use resample::BayerPlanes;
 
 /// A developed run.
@@ -33,11 +35,13 @@ pub struct Developed {
     /// The reflectance of every texel at every pose.
     pub sampled: SampledSbrdf,
     /// How each pose was registered, or why it was rejected.
-    pub registrations: Vec<std::result::Result<Registration, String>>,
+    pub registrations: Vec<std::result::Result<Registration, Unregistered>>,
+    /// What the rejected poses have in common, if that tells what went wrong.
+    pub common_fault: Option<String>,
 }
 
 /// One developed pose: its geometry, its registration and its texels.
-pub(crate) type DevelopedPose = (PoseGeometry, std::result::Result<Registration, String>, PoseTexels);
+pub(crate) type DevelopedPose = (PoseGeometry, std::result::Result<Registration, Unregistered>, PoseTexels);
 
 /// What one pose says of every texel, [y, x, rgb].
 pub(crate) struct PoseTexels {
@@ -73,12 +77,14 @@ pub fn run(folder: &Path) -> Result<Developed> {
     drop(bar);
 
     let sampled = assembled(config, &developed);
-    let registrations: Vec<_> = developed.into_iter().map(|(_, registration, _)| registration).collect();
+    let mut registrations: Vec<_> =
+        developed.into_iter().map(|(_, registration, _)| registration).collect();
+    let common_fault = shifted::explain(&photographs.run, &mut registrations)?;
     if let Some(why) = registrations.iter().all(|r| r.is_err()).then(|| registrations.first()).flatten() {
-        let reason = why.as_ref().err().map_or("", String::as_str);
+        let reason = why.as_ref().err().map_or("", |unregistered| &unregistered.why);
         return Err(Error::input(format!("no pose could be registered; pose 0: {reason}")));
     }
-    Ok(Developed { sampled, registrations })
+    Ok(Developed { sampled, registrations, common_fault })
 }
 
 /// The poses as a sampled SBRDF.
@@ -116,7 +122,7 @@ pub struct Photographs {
 }
 
 /// What a pose's photographs show, and how they lie on the sample or why that can't be told.
-pub type Photographed = (MosaicRadiance, std::result::Result<Registration, String>);
+pub type Photographed = (MosaicRadiance, std::result::Result<Registration, Unregistered>);
 
 impl Photographs {
     /// Opens a complete run.
@@ -140,9 +146,19 @@ impl Photographs {
     /// # Errors
     /// As [`run`] for the frames of this pose.
     pub fn pose(&self, index: usize) -> Result<Photographed> {
-        let mosaic = pose_radiance(&self.run, &self.exposures[index], &self.dark)
-            .map_err(|error| error.at(format!("pose {index}")))?;
-        let registration = registration::register(&self.run.rig, &mosaic, &self.run.plan.angles(index));
+        let at = |error: Error| error.at(format!("pose {index}"));
+        let exposures = &self.exposures[index];
+        let bracket = read_bracket(&self.run, exposures).map_err(at)?;
+        let camera = &self.run.rig.camera;
+        let mosaic = radiance::merge(camera, &self.dark, &bracket).map_err(at)?;
+        let registration = match radiance::contradiction(camera, &self.dark, &bracket) {
+            Some((first, second)) => Err(format!(
+                "{} and {} do not show the same, so one of them is another pose's or has another exposure than it says",
+                exposures[first].file, exposures[second].file
+            )
+            .into()),
+            None => registration::register(&self.run.rig, &mosaic, &self.run.plan.angles(index)),
+        };
         Ok((mosaic, registration))
     }
 
@@ -227,15 +243,13 @@ fn read_frame(run: &RunFolder, exposure: &ExposureRecord) -> Result<frame::RawFr
     Ok(frame)
 }
 
-fn pose_radiance(run: &RunFolder, exposures: &[ExposureRecord], dark: &DarkSignal) -> Result<MosaicRadiance> {
-    let bracket = exposures
-        .iter()
-        .map(|exposure| {
-            let lamp_relative = exposure.lamp_reading / run.rig.lamp.reference_reading;
-            Ok(BracketedFrame { frame: read_frame(run, exposure)?, lamp_relative })
-        })
-        .collect::<Result<Vec<_>>>()?;
-    radiance::merge(&run.rig.camera, dark, &bracket)
+/// A pose's frames and what the lamp gave during each.
+fn read_bracket(run: &RunFolder, exposures: &[ExposureRecord]) -> Result<Vec<BracketedFrame>> {
+    let read = |exposure: &ExposureRecord| {
+        let lamp_relative = exposure.lamp_reading / run.rig.lamp.reference_reading;
+        Ok(BracketedFrame { frame: read_frame(run, exposure)?, lamp_relative })
+    };
+    exposures.iter().map(read).collect()
 }
 
 /// The reflectance of every texel under one pose and its standard deviation.

@@ -98,6 +98,59 @@ pub fn bayer_channel(x: usize, y: usize) -> usize {
     [0, 1, 1, 2][2 * (y % 2) + x % 2]
 }
 
+/// Two exposures of a bracket disagree at a pixel that differs by more than this part of the brighter, noise apart.
+const DISAGREEMENT: f64 = 0.2;
+
+/// A bracket is contradictory when more than this share of the pixels that can be compared disagree: edges do when the rig shakes.
+const MOST_DISAGREEING: f64 = 0.25;
+
+/// Fewer pixels than this say nothing.
+const LEAST_COMPARED: usize = 200;
+
+/// The two exposures of a bracket that do not show the same thing, where there are such: one of them is the photograph of another
+/// pose, or was not exposed for as long as is said.
+pub fn contradiction(
+    camera: &Camera,
+    dark: &DarkSignal,
+    bracket: &[BracketedFrame],
+) -> Option<(usize, usize)> {
+    let limit = saturation(camera);
+    let read = read_variance(camera);
+    // Radiance, lamp divided out, and its standard deviation in the sensor's values.
+    let seen = |k: usize, BracketedFrame { frame, lamp_relative }: &BracketedFrame| {
+        let value = frame.values[k];
+        let electrons = f64::from(f32::from(value) - dark.at(k, 0.0)) * camera.electrons_per_value;
+        let noise = electrons.max(0.0) / camera.electrons_per_value.powi(2) + 2.0 * read;
+        let time = frame.exposure_s * lamp_relative;
+        let signal = f64::from(f32::from(value) - dark.at(k, frame.exposure_s));
+        (value < limit).then_some((signal / time, noise.sqrt() / time))
+    };
+    let contradict = |first: &BracketedFrame, second: &BracketedFrame| {
+        let (mut compared, mut disagreeing) = (0, 0);
+        for k in 0..first.frame.values.len().min(second.frame.values.len()) {
+            let (Some((a, noise_a)), Some((b, noise_b))) = (seen(k, first), seen(k, second)) else { continue };
+            let (noise, most) = (6.0 * noise_a.hypot(noise_b), DISAGREEMENT * a.max(b));
+            if noise < most {
+                compared += 1;
+                disagreeing += usize::from((a - b).abs() > noise + most);
+            }
+        }
+        compared >= LEAST_COMPARED && disagreeing as f64 > MOST_DISAGREEING * f64::from(compared as u32)
+    };
+    let pairs = (1..bracket.len()).map(|second| (second - 1, second));
+    pairs.into_iter().find(|&(first, second)| contradict(&bracket[first], &bracket[second]))
+}
+
+/// The value from which on a pixel counts as saturated.
+fn saturation(camera: &Camera) -> u16 {
+    (camera.black_level + SATURATION * camera.range()) as u16
+}
+
+/// Variance of one value without light: read noise and rounding.
+fn read_variance(camera: &Camera) -> f64 {
+    (camera.read_noise_e / camera.electrons_per_value).powi(2) + QUANTISATION
+}
+
 /// Merges a bracket. The unsaturated exposures' values are summed and divided by their summed times, which is the
 /// estimate of least variance when shot noise rules.
 ///
@@ -121,9 +174,9 @@ pub fn merge(camera: &Camera, dark: &DarkSignal, bracket: &[BracketedFrame]) -> 
     if bracket.is_empty() {
         return Err(Error::input("no exposure"));
     }
-    let limit = (camera.black_level + SATURATION * camera.range()) as u16;
+    let limit = saturation(camera);
     let response = camera.responsivity.map(|r| 1.0 / r);
-    let read = (camera.read_noise_e / camera.electrons_per_value).powi(2) + QUANTISATION;
+    let read = read_variance(camera);
     let (data, variance) = (0..pixels)
         .map(|k| {
             let (mut sum, mut time) = (0.0f64, 0.0f64);
@@ -191,6 +244,30 @@ mod tests {
         let camera = camera();
         let shots = [BracketedFrame { frame: frame(&camera, 1.0, 1e3), lamp_relative: 1.0 }];
         assert!(merge(&camera, &dark(&camera), &shots).unwrap().data.iter().all(|v| v.is_nan()));
+    }
+
+    /// A scene of stripes and the same scene a few pixels on, which is what another pose shows.
+    #[test]
+    fn exposures_of_other_poses_or_of_other_times_contradict_each_other_and_those_of_one_do_not() {
+        let camera = Camera { width: 64, height: 48, ..camera() };
+        let scene = |exposure_s: f64, shift: usize, factor: f64| {
+            let value = |k: usize| {
+                let (x, y) = (k % camera.width, k / camera.width);
+                let radiance = factor * if ((x + shift) / 8) % 2 == 0 { 0.5 } else { 0.1 };
+                let gain = camera.responsivity[bayer_channel(x, y)];
+                (camera.black_level + 3.0 * exposure_s + radiance * gain * exposure_s).min(camera.white_level) as u16
+            };
+            let values = (0..camera.width * camera.height).map(value).collect();
+            let frame = RawFrame { width: camera.width, height: camera.height, values, exposure_s };
+            BracketedFrame { frame, lamp_relative: 1.0 }
+        };
+        let dark = dark(&camera);
+        let check = |second: BracketedFrame| contradiction(&camera, &dark, &[scene(0.05, 0, 1.0), second]);
+        assert_eq!(check(scene(0.5, 0, 1.0)), None);
+        assert_eq!(check(scene(0.5, 0, 1.1)), None, "a lamp that flickers by a tenth is none of this");
+        assert_eq!(check(scene(0.5, 5, 1.0)), Some((0, 1)), "another pose");
+        assert_eq!(check(scene(0.5, 0, 0.5)), Some((0, 1)), "half as long as is said");
+        assert_eq!(contradiction(&camera, &dark, &[scene(0.05, 0, 1.0)]), None);
     }
 
     #[test]

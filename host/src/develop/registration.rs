@@ -1,10 +1,13 @@
 //! One photograph's registration: fiducials found, homography to the sample's plane, and the sample's pose (3.6).
 
+use std::fmt;
+
 use glam::DVec2;
 
 use super::fiducials::{self, Detection, GrayImage};
 use super::homography::{Correspondence, Homography};
 use super::radiance::{MosaicRadiance, bayer_channel};
+use super::seen::{Difference, SeenPose};
 use super::{camera, pose};
 use crate::rig::config::{RigConfig, Tag};
 use crate::rig::geometry::{MotorAngles, SamplePose, sample_pose};
@@ -35,15 +38,43 @@ impl Registration {
     }
 }
 
+/// Why a photograph could not be registered.
+#[derive(Debug, Clone)]
+pub struct Unregistered {
+    /// A sentence.
+    pub why: String,
+    /// Where its tags put the sample, if they show it where the motors cannot have put it: another pose, most likely.
+    pub elsewhere: Option<SeenPose>,
+}
+
+impl fmt::Display for Unregistered {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(&self.why)
+    }
+}
+
+impl From<String> for Unregistered {
+    fn from(why: String) -> Self {
+        Self { why, elsewhere: None }
+    }
+}
+
+impl From<&str> for Unregistered {
+    fn from(why: &str) -> Self {
+        why.to_string().into()
+    }
+}
+
 /// Registers a photograph taken with the motors at `angles`.
 ///
 /// # Errors
-/// A sentence when too few tags are seen or their corners contradict each other.
+/// A sentence when too few tags are seen, their corners contradict each other, or they show the sample where the motors
+/// cannot have put it.
 pub fn register(
     config: &RigConfig,
     mosaic: &MosaicRadiance,
     angles: &MotorAngles,
-) -> Result<Registration, String> {
+) -> Result<Registration, Unregistered> {
     let image = grey(config, mosaic);
     let mut seen = fiducials::detect(&image);
     seen.retain_mut(|detection| {
@@ -54,10 +85,25 @@ pub fn register(
     let homography = fit(config, &seen)?;
 
     let corners = correspondences(config, &seen);
+    let found = SeenPose::find(config, angles, &homography, &corners).ok_or("the tags determine no pose")?;
+    let difference = found.difference(config, angles);
+    if !difference.allowed {
+        return Err(Unregistered { why: contradiction(angles, &difference), elsewhere: Some(found) });
+    }
     let pose = pose::estimate(config, angles, &corners).ok_or("the tags contradict the motors' angles")?;
     let squares = corners.iter().map(|c| (homography.invert(c.image) - c.plane_mm).length_squared());
     let residual_mm = (squares.sum::<f64>() / corners.len() as f64).sqrt();
     Ok(Registration { homography, pose, tags: seen.len(), residual_mm })
+}
+
+/// What to say of tags that show the sample where the motors cannot have put it.
+fn contradiction(angles: &MotorAngles, difference: &Difference) -> String {
+    let [pan, tilt, roll, _] = angles.to_degrees();
+    format!(
+        "the tags show the sample turned by {:.1}° from where the motors had it (pan {pan:.1}°, tilt {tilt:.1}°, roll {roll:.1}°), \
+         which is more than the axes' repeatability_deg allows",
+        difference.angle.to_degrees()
+    )
 }
 
 /// The mosaic as a picture of the neutral tags: every colour divided by the lamp's.
