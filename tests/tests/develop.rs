@@ -5,7 +5,8 @@
 use std::fs;
 use std::path::Path;
 
-use lobelia::develop;
+use lobelia::acquire::{self, RunFolder, simulated};
+use lobelia::develop::{self, frame};
 use lobelia_tests::command::run;
 use lobelia_tests::small;
 
@@ -19,14 +20,14 @@ fn measured(poses: usize) -> tempfile::TempDir {
     folder
 }
 
-fn frame(folder: &Path, pose: usize, exposure: usize) -> std::path::PathBuf {
+fn photograph(folder: &Path, pose: usize, exposure: usize) -> std::path::PathBuf {
     folder.join(format!("run/frames/pose-{pose:05}-{exposure}.tiff"))
 }
 
 /// Puts the photographs of pose `from` where those of pose `to` were.
 fn put(folder: &Path, from: usize, to: usize) {
     for exposure in 0..2 {
-        fs::copy(frame(folder, from, exposure), frame(folder, to, exposure)).unwrap();
+        fs::copy(photograph(folder, from, exposure), photograph(folder, to, exposure)).unwrap();
     }
 }
 
@@ -59,7 +60,7 @@ fn a_photograph_of_another_pose_is_left_out_and_named() {
 #[test]
 fn one_exposure_of_another_pose_in_a_bracket_is_noticed() {
     let folder = measured(8);
-    fs::copy(frame(folder.path(), 3, 1), frame(folder.path(), 4, 1)).unwrap();
+    fs::copy(photograph(folder.path(), 3, 1), photograph(folder.path(), 4, 1)).unwrap();
     let (kept, why, _) = developed(folder.path());
     assert_eq!(kept, [0, 1, 2, 3, 5, 6, 7]);
     assert!(why[0].contains("pose-00004-0.tiff and frames/pose-00004-1.tiff do not show the same"), "{why:?}");
@@ -83,4 +84,47 @@ fn a_run_that_is_one_pose_late_is_refused_and_told_so_and_one_that_becomes_so_ke
     run(folder.path(), &["develop", "run", "-o", "sampled.zarr"])
         .refuses(2, &["poses 1 to 9, show the pose before theirs", "photograph these poses again"]);
     assert!(!folder.path().join("sampled.zarr").exists());
+}
+
+/// The simulator's truth: a frame without light is the black level and little more, whatever burnt before.
+#[test]
+fn a_lamp_that_an_earlier_program_left_burning_does_not_light_the_dark_frames() {
+    let folder = tempfile::tempdir().unwrap();
+    let rig = small::rig(8);
+    let plan = small::plan(&rig, 2);
+    let path = folder.path().join("run");
+    let (run, mut journal) = RunFolder::create(&path, &plan, &rig).unwrap();
+    let mut station = simulated::station(&rig, small::layout(&rig)).unwrap();
+    station.client.configure(&rig.configuration().unwrap()).unwrap();
+    station.client.lamp(true, 1.0).unwrap();
+    station.client.wait_until_warm(|_| ()).unwrap();
+    acquire::run(&run, &mut journal, &mut station).unwrap();
+    for file in ["dark-00", "dark-03"] {
+        let frame = frame::read(&path.join(format!("frames/{file}.tiff"))).unwrap();
+        let mean = frame.values.iter().map(|&v| f64::from(v)).sum::<f64>() / frame.values.len() as f64;
+        let dark = rig.camera.black_level
+            + frame.exposure_s * rig.simulator.dark_e_s / rig.simulator.electrons_per_value;
+        assert!((mean - dark).abs() < 0.5, "{file}: {mean}, {dark} without light");
+    }
+    small::develop(&path);
+}
+
+#[test]
+fn dark_frames_that_were_lit_by_the_lamp_are_refused_by_name() {
+    let folder = measured(2);
+    let journal = folder.path().join("run/journal.jsonl");
+    let text = fs::read_to_string(&journal).unwrap();
+    let lines: Vec<String> = text
+        .lines()
+        .map(|line| {
+            let mut record: serde_json::Value = serde_json::from_str(line).unwrap();
+            if record["record"] == "dark" && record["index"] == 4 {
+                record["exposure"]["lamp_reading"] = 1500.0.into();
+            }
+            record.to_string() + "\n"
+        })
+        .collect();
+    fs::write(&journal, lines.concat()).unwrap();
+    run(folder.path(), &["develop", "run", "-o", "sampled.zarr"])
+        .refuses(2, &["dark-04.tiff", "the lamp burnt", "0.500 of its warm light"]);
 }

@@ -4,6 +4,7 @@
 //! what it does not record is done again, so a pose is the unit of loss.
 
 use std::path::{Path, PathBuf};
+use std::time::Duration;
 
 use sha2::{Digest, Sha256};
 
@@ -186,12 +187,17 @@ impl Steps<'_> {
         }
     }
 
-    /// Frames without light, at the shortest and the longest exposure, before the lamp is switched on.
+    /// Frames without light, at the shortest and the longest exposure, before the lamp is switched on. An earlier program may have
+    /// left it burning.
     fn dark_frames(&mut self) -> Result<()> {
         let camera = &self.run.rig.camera;
         let each = self.run.rig.exposure.dark_frames.max(1);
         let times =
             [camera.min_exposure_s, camera.max_exposure_s].map(|seconds| vec![seconds; each]).concat();
+        let recorded = |record: &&Record| matches!(record, Record::Dark { .. });
+        if self.run.records.iter().filter(recorded).count() < times.len() {
+            self.station.client.lamp(false, 0.0)?;
+        }
         for (index, seconds) in times.into_iter().enumerate() {
             let is_this = |record: &Record| matches!(record, Record::Dark { index: i, .. } if *i == index);
             if let Some(record) = self.recorded(is_this) {
@@ -201,11 +207,32 @@ impl Steps<'_> {
             }
             let file = format!("frames/dark-{index:02}.tiff");
             let shot = Shot { open_s: seconds, warm_lamp: false, key: [0, index as u64, 0] };
-            let exposure = self.photograph(&file, &shot)?;
+            let exposure = self.dark_frame(index, &file, &shot)?;
             let controller_us = self.station.clock_us()?;
             self.journal.append(&Record::Dark { index, exposure, controller_us })?;
         }
         Ok(())
+    }
+
+    /// One frame without light. A lamp that glows on after it was switched off gets some time.
+    fn dark_frame(&mut self, index: usize, file: &str, shot: &Shot) -> Result<ExposureRecord> {
+        const AFTERGLOW: Duration = Duration::from_secs(60);
+        const LOOK_AGAIN: Duration = Duration::from_secs(5);
+        let mut waited = Duration::ZERO;
+        loop {
+            let exposure = self.photograph(file, shot)?;
+            let Some(light) = self.run.rig.lamp.lit(exposure.lamp_reading) else { return Ok(exposure) };
+            if waited >= AFTERGLOW {
+                let message = format!(
+                    "dark frame {index}: the lamp is switched off, but its photodiode reads {light:.3} of the warm lamp's light; \
+                     look at the lamp and its switch, and keep other light from the photodiode"
+                );
+                return Err(Error::failure(message));
+            }
+            self.station.client.pause(LOOK_AGAIN)?;
+            self.station.check_interrupt()?;
+            waited += LOOK_AGAIN;
+        }
     }
 
     fn warm_up(&mut self) -> Result<()> {

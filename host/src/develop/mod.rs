@@ -216,6 +216,14 @@ fn dark_signal(run: &RunFolder) -> Result<DarkSignal> {
     let mut frames = Vec::new();
     for record in &run.records {
         if let Record::Dark { exposure, .. } = record {
+            if let Some(light) = run.rig.lamp.lit(exposure.lamp_reading) {
+                let message = format!(
+                    "{}: the lamp burnt while this dark frame was taken, at {light:.3} of its warm light by its photodiode; \
+                     acquire the run again",
+                    run.path.join(&exposure.file).display()
+                );
+                return Err(Error::input(message));
+            }
             frames.push(read_frame(run, exposure)?);
         }
     }

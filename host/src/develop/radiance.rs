@@ -7,13 +7,16 @@ use crate::rig::config::Camera;
 /// Share of the sensor's range above which a pixel counts as saturated.
 const SATURATION: f64 = 0.97;
 
-/// The dark signal a pixel: a bias and a rate, from frames without light at two exposures.
+/// The dark signal a pixel: a level and a rate, from frames without light at two exposures.
 #[derive(Debug, Clone, PartialEq)]
 pub struct DarkSignal {
-    bias: Vec<f32>,
+    /// The level after the short exposure, that exposure's dark current included.
+    short: Vec<f32>,
     per_second: Vec<f32>,
-    /// How many frames went into the bias and into the long exposures.
+    /// How many frames went into the short and into the long exposures.
     frames: [usize; 2],
+    /// The short exposure, s.
+    short_s: f64,
     /// Difference of the two exposures, s; 0 with one only.
     span_s: f64,
 }
@@ -34,32 +37,39 @@ impl DarkSignal {
         let shortest = frames.iter().map(|frame| frame.exposure_s).fold(f64::MAX, f64::min);
         let longest = frames.iter().map(|frame| frame.exposure_s).fold(0.0, f64::max);
         let middle = 0.5 * (shortest + longest);
-        let short: Vec<&RawFrame> = frames.iter().filter(|frame| frame.exposure_s <= middle).collect();
-        let long: Vec<&RawFrame> = frames.iter().filter(|frame| frame.exposure_s > middle).collect();
-        let bias = average(&short, pixels);
-        let span_s = if long.is_empty() { 0.0 } else { longest - shortest };
+        let (short, long): (Vec<&RawFrame>, Vec<&RawFrame>) =
+            frames.iter().partition(|frame| frame.exposure_s <= middle);
+        let counts = [short.len(), long.len()];
+        let [short_s, long_s] = [&short, &long].map(|frames| mean_exposure(frames));
+        let short = average(&short, pixels);
+        let span_s = if long.is_empty() { 0.0 } else { long_s - short_s };
         let per_second = if long.is_empty() {
             vec![0.0; pixels]
         } else {
             let rate = |(long, short): (&f32, &f32)| (long - short) / span_s as f32;
-            average(&long, pixels).iter().zip(&bias).map(rate).collect()
+            average(&long, pixels).iter().zip(&short).map(rate).collect()
         };
-        Ok(Self { bias, per_second, frames: [short.len(), long.len()], span_s })
+        Ok(Self { short, per_second, frames: counts, short_s, span_s })
     }
 
     /// The dark signal of pixel `index` after `seconds`.
     fn at(&self, index: usize, seconds: f64) -> f32 {
-        self.bias[index] + self.per_second[index] * seconds as f32
+        self.short[index] + self.per_second[index] * (seconds - self.short_s) as f32
     }
 
     /// Variance of the sum of what [`Self::at`] gives for `exposures` of together `seconds`, for frames of a variance of `read` each.
     fn variance(&self, read: f64, exposures: usize, seconds: f64) -> f64 {
         // The sum is a share of the short frames' mean and one of the long frames'.
-        let long = if self.span_s > 0.0 { seconds / self.span_s } else { 0.0 };
+        let beyond = seconds - exposures as f64 * self.short_s;
+        let long = if self.span_s > 0.0 { beyond / self.span_s } else { 0.0 };
         let short = exposures as f64 - long;
         let [short_frames, long_frames] = self.frames.map(|count| count.max(1) as f64);
         read * (short * short / short_frames + long * long / long_frames)
     }
+}
+
+fn mean_exposure(frames: &[&RawFrame]) -> f64 {
+    frames.iter().map(|frame| frame.exposure_s).sum::<f64>() / frames.len().max(1) as f64
 }
 
 fn average(frames: &[&RawFrame], pixels: usize) -> Vec<f32> {
@@ -188,7 +198,7 @@ pub fn merge(camera: &Camera, dark: &DarkSignal, bracket: &[BracketedFrame]) -> 
                     time += frame.exposure_s * lamp_relative;
                     exposures += 1;
                     seconds += frame.exposure_s;
-                    electrons += f64::from(value - dark.bias[k]) * camera.electrons_per_value;
+                    electrons += f64::from(value - dark.at(k, 0.0)) * camera.electrons_per_value;
                 }
             }
             if exposures == 0 {
@@ -236,6 +246,29 @@ mod tests {
             for value in merge(&camera, &dark, &shots).unwrap().data {
                 assert!((f64::from(value) / radiance - 1.0).abs() < 5e-3, "{value} {radiance}");
             }
+        }
+    }
+
+    /// A warm sensor: the frames are black level plus rate times exposure, whatever two exposures the dark frames had.
+    #[test]
+    fn the_dark_signal_is_the_black_level_and_the_dark_current_of_the_exposure_once() {
+        let camera = Camera { width: 4, height: 2, ..camera() };
+        let level = |exposure_s: f64| 512.0 + 400.0 * exposure_s;
+        let shot = |exposure_s: f64| RawFrame {
+            width: 4,
+            height: 2,
+            values: vec![level(exposure_s) as u16; 8],
+            exposure_s,
+        };
+        for [short, long] in [[0.5, 2.0], [0.01, 2.0], [1.0, 3.0]] {
+            let dark = DarkSignal::from_frames(&camera, &[short, short, long].map(shot)).unwrap();
+            for seconds in [0.0, 0.005, short, 1.5, long, 8.0] {
+                let found = f64::from(dark.at(3, seconds));
+                assert!((found - level(seconds)).abs() < 1e-3, "{short} s and {long} s: {found} after {seconds} s");
+            }
+            // What a dark frame says of its own exposure is its mean: the noise of that and of nothing else.
+            assert!((dark.variance(9.0, 1, short) - 9.0 / 2.0).abs() < 1e-12);
+            assert!((dark.variance(9.0, 1, long) - 9.0).abs() < 1e-12);
         }
     }
 

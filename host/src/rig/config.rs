@@ -338,6 +338,13 @@ impl Default for Lamp {
 }
 
 impl Lamp {
+    /// The part of the warm lamp's light that a reading of the photodiode in a dark frame tells of; `None` when that is darkness: below a
+    /// hundredth, of which noise and the converter's offset are most.
+    pub fn lit(&self, reading: f64) -> Option<f64> {
+        let light = reading / self.reference_reading;
+        (light.is_nan() || light.abs() > 0.01).then_some(light)
+    }
+
     /// Area A_s of the aperture, mm².
     pub fn aperture_mm2(&self) -> f64 {
         std::f64::consts::PI * (self.aperture_diameter_mm / 2.0).powi(2)
