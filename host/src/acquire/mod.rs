@@ -52,8 +52,10 @@ impl RunFolder {
     pub fn create(path: &Path, plan: &Plan, rig: &RigConfig) -> Result<(Self, Journal)> {
         rig.validate()?;
         plan.validate(rig)?;
-        files::create_folder(&path.join("frames"))?;
+        // The journal first: a folder with one is a run's, whatever becomes of the rest.
+        files::create_folder(path)?;
         let mut journal = Journal::create(path)?;
+        files::create_folder(&path.join("frames"))?;
         let rig_text = toml::to_string(rig).map_err(|error| Error::failure(format!("rig.toml: {error}")))?;
         let plan_text = plan.to_toml()?;
         files::write_bytes(&path.join("rig.toml"), rig_text.as_bytes())?;

@@ -10,7 +10,6 @@ use crate::acquire::journal;
 use crate::acquire::station::{self, Camera, Station, WatchedFolder};
 use crate::acquire::{self, RunFolder};
 use crate::error::{Error, Result};
-#[cfg(feature = "sim")]
 use crate::files;
 use crate::plan::Plan;
 use crate::rig::config::RigConfig;
@@ -52,6 +51,7 @@ pub(super) struct AcquireArgs {
 
 /// Runs `lobelia acquire`.
 pub(super) fn run(args: &AcquireArgs, context: &mut Context) -> Result<()> {
+    files::try_folder(&args.output)?;
     // A new run's folder is laid out last: a rig that does not answer leaves nothing behind.
     let (run, mut journal, mut station) = if args.resume {
         let (run, journal) = RunFolder::resume(&args.output)?;

@@ -9,7 +9,7 @@ use crate::chart;
 use crate::error::Result;
 use crate::rig::config::RigConfig;
 use crate::scene::{Scene, shipped};
-use crate::toml_file;
+use crate::{files, toml_file};
 
 /// Arguments of `lobelia chart`.
 #[derive(Debug, Args)]
@@ -70,6 +70,7 @@ enum What {
 
 /// Runs `lobelia chart`.
 pub(super) fn run(args: &ChartArgs, context: &mut Context) -> Result<()> {
+    files::try_folder(&args.output)?;
     let seed = context.seed;
     let chart = match &args.what {
         What::Fit => context.report.stage("chart", || chart::fit::chart(seed))?,

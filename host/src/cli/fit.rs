@@ -11,6 +11,7 @@ use clap::{Args, ValueEnum};
 use rayon::prelude::*;
 
 use crate::error::{Error, Result};
+use crate::files;
 use crate::fit::chunks::{self, Part};
 use crate::fit::extensions::{Extensions, Microfacets};
 use crate::fit::figures::ErrorFigure;
@@ -280,6 +281,7 @@ pub(super) fn run(args: &FitArgs, context: &mut super::Context) -> Result<()> {
 /// # Errors
 /// Input errors for files and options that make no sense; failures of the disk.
 fn fit_input(args: &FitArgs, seed: u64) -> Result<FitOutcome> {
+    args.output.iter().try_for_each(|output| files::try_file(output))?;
     if let Some(output) = &args.output
         && output.extension().is_none_or(|extension| extension != "exr")
     {

@@ -6,7 +6,7 @@ use std::process::ExitCode;
 use clap::{Args, CommandFactory, Parser, Subcommand};
 
 use crate::error::{Error, Result};
-use crate::progress;
+use crate::{files, progress};
 use crate::report::Report;
 
 mod acquire;
@@ -171,6 +171,7 @@ fn run(cli: Cli) -> Result<()> {
             .map_err(|error| Error::failure(format!("{threads} threads cannot be started: {error}")))?;
     }
     let Global { seed: given_seed, quiet, verbose, report, .. } = cli.global;
+    report.iter().try_for_each(|path| files::try_file(path))?;
     let seed = given_seed.unwrap_or(1);
     let report_of_run = Report::new(cli.command.name(), seed);
     let mut context = Context { seed, given_seed, quiet, verbose, report: report_of_run };

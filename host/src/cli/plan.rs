@@ -8,7 +8,7 @@ use super::Context;
 use crate::error::Result;
 use crate::plan::{self, Extent, order};
 use crate::rig::config::RigConfig;
-use crate::toml_file;
+use crate::{files, toml_file};
 
 /// Arguments of `lobelia plan`.
 #[derive(Debug, Args)]
@@ -52,6 +52,7 @@ impl ExtentArgs {
 
 /// Runs `lobelia plan`.
 pub(super) fn run(args: &PlanArgs, context: &mut Context) -> Result<()> {
+    files::try_file(&args.output)?;
     let rig: RigConfig = toml_file::read(&args.rig)?;
     rig.validate().map_err(|error| error.at(args.rig.display()))?;
     context.report.input(&args.rig);

@@ -16,6 +16,7 @@ use super::{PoseGeometry, SampledSbrdf};
 use crate::acquire::sha256;
 use crate::error::{Error, Result};
 use crate::files;
+use crate::reflectance::durable;
 
 /// Edge of a chunk in texels.
 const BLOCK: usize = 16;
@@ -27,46 +28,46 @@ const LAYOUT_KEY: &str = "lobelia_layout";
 const LAYOUT: u64 = 1;
 
 impl SampledSbrdf {
-    /// Whether a store may be written at `path`: nothing is there, an empty folder, or an earlier sampled SBRDF.
+    /// Whether a store may and can be written at `path`: nothing is there, an empty folder, or an earlier sampled SBRDF and nothing
+    /// besides.
     ///
     /// # Errors
-    /// Input errors for anything else, which a store would destroy.
+    /// Input errors for anything else, which a store would destroy; failures when the disk refuses.
     pub fn may_write_zarr(path: &Path) -> Result<()> {
-        let empty = || fs::read_dir(path).is_ok_and(|mut entries| entries.next().is_none());
-        let earlier =
-            || fs::read_to_string(path.join("zarr.json")).is_ok_and(|text| text.contains(LAYOUT_KEY));
-        if !path.exists() || (path.is_dir() && (empty() || earlier())) {
-            return Ok(());
+        let refused = |why: String| Err(Error::input(format!("{}: {why}; name another output", path.display())));
+        if path.exists() {
+            let entries = fs::read_dir(path).into_iter().flatten().filter_map(|entry| Some(entry.ok()?.path()));
+            let entries: Vec<PathBuf> = entries.collect();
+            let earlier = fs::read_to_string(path.join("zarr.json")).is_ok_and(|text| text.contains(LAYOUT_KEY));
+            if !path.is_dir() || (!entries.is_empty() && !earlier) {
+                return refused("there already and no sampled SBRDF".into());
+            }
+            let of_a_store = |entry: &PathBuf| entry.ends_with("zarr.json") || entry.join("zarr.json").is_file();
+            if let Some(other) = entries.iter().find(|entry| !of_a_store(entry)) {
+                let name = other.file_name().unwrap_or_default().to_string_lossy();
+                return refused(format!("a sampled SBRDF, but it holds {name} besides"));
+            }
         }
-        let message = "there already and no sampled SBRDF; name another output";
-        Err(Error::input(format!("{}: {message}", path.display())))
+        durable::try_writing(path).map_err(|error| Error::writing(path, error))
     }
 
-    /// Writes the store; an earlier one at `path` is replaced only when the new one is complete.
+    /// Writes the store; an earlier one at `path` is removed only when the new one is complete and on the disk.
     ///
     /// # Errors
     /// As [`Self::may_write_zarr`], and when the disk refuses; nothing half-written is left under `path`.
     pub fn write_zarr(&self, path: &Path) -> Result<()> {
         Self::may_write_zarr(path)?;
-        let temporary = files::temporary_name(path);
-        let _ = fs::remove_dir_all(&temporary);
+        let path = &durable::target(path);
+        files::create_folder(durable::folder_of(path))?;
+        let temporary = durable::unused_name(path, "tmp");
         let written = write_store(self, &temporary).map_err(|error| Error::writing(path, error));
-        if let Err(error) = written {
+        let replaced = written
+            .and_then(|()| durable::replace_folder(&temporary, path).map_err(|error| Error::writing(path, error)));
+        if replaced.is_err() {
             // Best effort: the first error is the one to tell.
             let _ = fs::remove_dir_all(&temporary);
-            return Err(error);
         }
-        // A folder cannot be replaced in one step: the earlier store goes aside, so that one of the two is always whole.
-        let aside = path.with_extension("zarr.old");
-        let replace = || -> std::io::Result<()> {
-            if path.exists() {
-                let _ = fs::remove_dir_all(&aside);
-                fs::rename(path, &aside)?;
-            }
-            fs::rename(&temporary, path)?;
-            if aside.exists() { fs::remove_dir_all(&aside) } else { Ok(()) }
-        };
-        replace().map_err(|error| Error::writing(path, error))
+        replaced
     }
 
     /// Reads a store that [`Self::write_zarr`] or another Zarr v3 writer made.
@@ -503,6 +504,26 @@ mod tests {
         assert!(lost.contains("reflectance/c/1/0/0/0 is missing"), "{lost}");
         let text = SampledSbrdf::read_zarr(&path).unwrap_err().to_string();
         assert!(text.contains("reflectance/c/1/0/0/0"), "{text}");
+    }
+
+    /// Names that a writer might be tempted to use hold a user's own copies.
+    #[test]
+    fn what_lies_beside_or_in_a_store_is_never_removed() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("sampled.zarr");
+        let others = ["sampled.zarr.old", "sampled.zarr.tmp"].map(|name| folder.path().join(name));
+        for other in &others {
+            example().write_zarr(other).unwrap();
+            fs::write(other.join("notes.txt"), "mine").unwrap();
+        }
+        for _ in 0..2 {
+            example().write_zarr(&path).unwrap();
+            assert!(others.iter().all(|other| SampledSbrdf::read_zarr(other).unwrap() == example()));
+            assert!(others.iter().all(|other| other.join("notes.txt").is_file()));
+            assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 3);
+        }
+        let refused = example().write_zarr(&others[0]).unwrap_err();
+        assert!(refused.exit_code() == 2 && refused.to_string().contains("notes.txt"), "{refused}");
     }
 
     #[test]
