@@ -27,6 +27,13 @@ pub fn bar(label: &str, total: u64, unit: &str) -> Bar {
     Bar(bar)
 }
 
+/// A line on stderr for someone who watches; silent with `--quiet`.
+pub fn note(text: &str) {
+    if !QUIET.load(Ordering::Relaxed) {
+        eprintln!("{text}");
+    }
+}
+
 /// A progress bar that is removed when the work ends, however it ends.
 pub struct Bar(ProgressBar);
 

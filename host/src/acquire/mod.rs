@@ -14,14 +14,16 @@ use crate::rig::config::RigConfig;
 use crate::{files, progress, toml_file};
 
 pub mod journal;
+mod judge;
 #[cfg(feature = "sim")]
 pub mod recipe;
 #[cfg(feature = "sim")]
 pub mod simulated;
 pub mod station;
+mod watch;
 
 use journal::{ExposureRecord, Journal, Record};
-use station::{Shot, Station};
+use station::{Shot, Station, check_interrupt};
 
 /// A run's folder, read.
 pub struct RunFolder {
@@ -208,7 +210,7 @@ impl Steps<'_> {
                 continue;
             }
             let file = format!("frames/dark-{index:02}.tiff");
-            let shot = Shot { open_s: seconds, warm_lamp: false, key: [0, index as u64, 0] };
+            let shot = Shot { open_s: seconds, warm_lamp: false, angles: None, key: [0, index as u64, 0] };
             let exposure = self.dark_frame(index, &file, &shot)?;
             let controller_us = self.station.clock_us()?;
             self.journal.append(&Record::Dark { index, exposure, controller_us })?;
@@ -232,7 +234,7 @@ impl Steps<'_> {
                 return Err(Error::failure(message));
             }
             self.station.client.pause(LOOK_AGAIN)?;
-            self.station.check_interrupt()?;
+            check_interrupt()?;
             waited += LOOK_AGAIN;
         }
     }
@@ -274,7 +276,7 @@ impl Steps<'_> {
         let count = self.run.plan.poses.len();
         let bar = progress::bar("acquiring", (count - first) as u64, "poses");
         for index in first..count {
-            self.station.check_interrupt()?;
+            check_interrupt()?;
             self.pose(index).map_err(|error| error.at(format!("pose {index}")))?;
             self.taken += 1;
             bar.advance(1);
@@ -288,7 +290,8 @@ impl Steps<'_> {
         let mut exposures = Vec::with_capacity(pose.exposures_s.len());
         for (number, &open_s) in pose.exposures_s.iter().enumerate() {
             let file = format!("frames/pose-{index:05}-{number}.tiff");
-            let shot = Shot { open_s, warm_lamp: true, key: [1, index as u64, number as u64] };
+            let angles = Some(self.run.plan.angles(index));
+            let shot = Shot { open_s, warm_lamp: true, angles, key: [1, index as u64, number as u64] };
             exposures.push(self.photograph(&file, &shot)?);
         }
         let controller_us = self.station.clock_us()?;
@@ -296,7 +299,7 @@ impl Steps<'_> {
     }
 
     fn photograph(&mut self, file: &str, shot: &Shot) -> Result<ExposureRecord> {
-        let exposure = self.station.photograph(&self.run.path.join(file), shot)?;
+        let exposure = self.station.photograph(&self.run.rig, &self.run.path.join(file), shot)?;
         Ok(ExposureRecord {
             file: file.into(),
             open_s: f64::from(exposure.open_us) * 1e-6,

@@ -26,6 +26,7 @@ pub mod resample;
 pub mod seen;
 mod shifted;
 
+use frame::RawFrame;
 use radiance::{BracketedFrame, DarkSignal, MosaicRadiance};
 use registration::{Registration, Unregistered};
 use resample::BayerPlanes;
@@ -231,24 +232,20 @@ fn dark_signal(run: &RunFolder) -> Result<DarkSignal> {
 }
 
 /// Reads a recorded frame; its EXIF exposure must be the controller's.
-fn read_frame(run: &RunFolder, exposure: &ExposureRecord) -> Result<frame::RawFrame> {
+fn read_frame(run: &RunFolder, exposure: &ExposureRecord) -> Result<RawFrame> {
     let path = run.path.join(&exposure.file);
-    let mut frame = frame::read(&path)?;
+    let frame = frame::read_photograph(&path)?;
     let camera = &run.rig.camera;
     if (frame.width, frame.height) != (camera.width, camera.height) {
         let (w, h) = (frame.width, frame.height);
         let message = format!("{w} × {h} pixels, rig.toml says {} × {}", camera.width, camera.height);
         return Err(Error::input(format!("{}: {message}", path.display())));
     }
-    if (frame.exposure_s / exposure.open_s - 1.0).abs() > 0.02 {
-        let (camera, controller) = (frame.exposure_s, exposure.open_s);
-        let message =
-            format!("its EXIF exposure is {camera} s, the controller opened the shutter for {controller} s");
-        return Err(Error::input(format!("{}: {message}", path.display())));
-    }
+    let agrees = camera.exif.agrees(frame.notes.exposure_s, exposure.open_s);
+    agrees.map_err(|why| Error::input(format!("{}: {why}", path.display())))?;
     // The controller's clock is finer than EXIF's rounded shutter speeds.
-    frame.exposure_s = exposure.open_s;
-    Ok(frame)
+    let exposure_s = exposure.open_s;
+    Ok(RawFrame { width: frame.width, height: frame.height, values: frame.values, exposure_s })
 }
 
 /// A pose's frames and what the lamp gave during each.

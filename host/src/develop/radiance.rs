@@ -152,7 +152,7 @@ pub fn contradiction(
 }
 
 /// The value from which on a pixel counts as saturated.
-fn saturation(camera: &Camera) -> u16 {
+pub(super) fn saturation(camera: &Camera) -> u16 {
     (camera.black_level + SATURATION * camera.range()) as u16
 }
 

@@ -5,6 +5,7 @@ use std::fmt;
 use glam::DVec2;
 
 use super::fiducials::{self, Detection, GrayImage};
+use super::frame::RawFrame;
 use super::homography::{Correspondence, Homography};
 use super::radiance::{MosaicRadiance, bayer_channel};
 use super::seen::{Difference, SeenPose};
@@ -91,6 +92,27 @@ pub fn register(
     let squares = corners.iter().map(|c| (homography.invert(c.image) - c.plane_mm).length_squared());
     let residual_mm = (squares.sum::<f64>() / corners.len() as f64).sqrt();
     Ok(Registration { homography, pose, tags: seen.len(), residual_mm })
+}
+
+/// Registers one exposure, as [`register`] does, without the dark frames: their part is small where tags are seen.
+///
+/// # Errors
+/// As [`register`].
+pub fn register_frame(
+    config: &RigConfig,
+    frame: &RawFrame,
+    angles: &MotorAngles,
+) -> Result<Registration, Unregistered> {
+    let camera = &config.camera;
+    let saturated = super::radiance::saturation(camera);
+    let value = |(k, &value): (usize, &u16)| {
+        let channel = bayer_channel(k % frame.width, k / frame.width);
+        let light = (f64::from(value) - camera.black_level) / (camera.responsivity[channel] * frame.exposure_s);
+        if value < saturated { light as f32 } else { f32::NAN }
+    };
+    let data = frame.values.iter().enumerate().map(value).collect();
+    let mosaic = MosaicRadiance { width: frame.width, height: frame.height, data, variance: Vec::new() };
+    register(config, &mosaic, angles)
 }
 
 /// What to say of tags that show the sample where the motors cannot have put it.

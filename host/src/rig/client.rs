@@ -209,6 +209,20 @@ impl RigClient {
         }
     }
 
+    /// Fires the shutter as [`Self::expose`] does; the inner error is by how many µs it closed too late.
+    pub fn expose_or_late(
+        &mut self,
+        duration_us: u32,
+        warm_lamp: bool,
+    ) -> Result<std::result::Result<Exposure, u32>> {
+        match self.ask(Command::Expose { duration_us, warm_lamp })? {
+            Outcome::Done(Answer::Exposed(exposure)) => Ok(Ok(exposure)),
+            Outcome::Refused(Refusal::ShutterLate { late_us }) => Ok(Err(late_us)),
+            Outcome::Refused(refusal) => Err(self.refused(refusal)),
+            _ => Err(out_of_place()),
+        }
+    }
+
     /// Asks how things stand.
     pub fn status(&mut self) -> Result<Status> {
         match self.call(Command::Status)? {

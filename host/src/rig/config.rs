@@ -276,6 +276,21 @@ pub struct Camera {
     pub max_exposure_s: f64,
     /// Relative aperture, as written into the frames.
     pub f_number: f64,
+    /// How far the exposure that a frame's EXIF block states must be the controller's.
+    pub exif: ExifExposure,
+}
+
+/// How far the exposure of an EXIF block must be the controller's.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum ExifExposure {
+    /// Within a third of a stop: cameras write nominal speeds, 1/60 for 1/64.
+    #[default]
+    Nominal,
+    /// Within 2 %.
+    Exact,
+    /// Not at all; it need not be there.
+    Ignore,
 }
 
 impl Default for Camera {
@@ -294,6 +309,7 @@ impl Default for Camera {
             min_exposure_s: 1.0 / 8000.0,
             max_exposure_s: 2.0,
             f_number: 16.0,
+            exif: ExifExposure::Nominal,
         }
     }
 }
