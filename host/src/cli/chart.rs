@@ -7,9 +7,9 @@ use clap::{Args, Subcommand};
 use super::Context;
 use crate::chart;
 use crate::error::Result;
+use crate::files;
 use crate::rig::config::RigConfig;
 use crate::scene::{Scene, shipped};
-use crate::{files, toml_file};
 
 /// Arguments of `lobelia chart`.
 #[derive(Debug, Args)]
@@ -78,7 +78,7 @@ pub(super) fn run(args: &ChartArgs, context: &mut Context) -> Result<()> {
             let config = match rig {
                 Some(path) => {
                     context.report.input(path);
-                    toml_file::read(path)?
+                    RigConfig::read(path)?
                 }
                 None => RigConfig::default(),
             };
