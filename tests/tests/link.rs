@@ -173,6 +173,22 @@ fn a_cable_pulled_out_is_a_failure_that_a_resumed_run_makes_good() {
     assert_eq!(frames.len(), all, "{frames:?}");
 }
 
+/// The host is gone for longer than the lease: the controller stops, dims the lamp and keeps the fault until someone clears it.
+#[test]
+fn a_run_whose_host_died_can_be_resumed_after_the_lease_and_says_what_it_cleared() {
+    let (folder, rig, plan) = inputs(4);
+    let served = ServedRig::start(&rig, &folder.path().join("photos"));
+    let line = tcp::port(tcp::breaking_line(served.address, served.has_exposed(4)));
+    acquire(folder.path(), &line, &NEW_RUN).refuses(1, &["--resume"]);
+    served.wait_until_alone();
+    served.rig.abandon_until_us(served.rig.now_us() + 10_000_000);
+    let said = acquire(folder.path(), &line, &["--resume"]);
+    assert_eq!(said.code, Some(0), "{said:?}");
+    assert!(said.stderr.contains("lease") && said.stderr.contains("cleared"), "{said:?}");
+    let developed = develop::run(&folder.path().join("run")).unwrap();
+    assert_eq!(developed.registrations.iter().filter(|found| found.is_ok()).count(), plan.poses.len());
+}
+
 /// The lease of the rigs whose hosts are killed, and the lamp's safe level.
 const LEASE_S: f64 = 2.0;
 const SAFE_LEVEL: f64 = 0.25;

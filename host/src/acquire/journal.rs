@@ -157,7 +157,11 @@ pub fn refuse_recorded(folder: &Path) -> Result<()> {
         Ok(_) => Ok(()),
         Err(_) => {
             let taken = ["plan.toml", "rig.toml", "frames"].iter().any(|name| folder.join(name).exists());
-            if taken { refused("holds files of something else than a run; name another folder") } else { Ok(()) }
+            if taken {
+                refused("holds files of something else than a run; name another folder")
+            } else {
+                Ok(())
+            }
         }
     }
 }

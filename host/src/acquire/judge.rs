@@ -42,7 +42,9 @@ pub(super) fn judge(
     let unwritten = share(&|value| value == 0.0);
     if camera.black_level > 8.0 * deviation && unwritten > MOST_UNWRITTEN {
         let percent = 100.0 * unwritten;
-        return Err(Fault::Unfinished(format!("{percent:.0} % of its values are 0, so not all of it was written")));
+        return Err(Fault::Unfinished(format!(
+            "{percent:.0} % of its values are 0, so not all of it was written"
+        )));
     }
     let agrees = camera.exif.agrees(photograph.notes.exposure_s, open_s);
     agrees.map_err(Fault::Wrong)?;
@@ -107,10 +109,16 @@ mod tests {
         wrong(with(&|p| p.notes.exposure_s = Some(0.5)), "EXIF exposure is 0.5 s");
         wrong(with(&|p| p.values.fill(16_383)), "saturated throughout");
         wrong(with(&|p| p.values.iter_mut().for_each(|v| *v = 505 + *v % 16)), "black throughout");
-        wrong(judge(&config, &shot([-40.0, 10.0, 100.0, 50.0]), 0.2, &right).unwrap_err(), "the tags show the sample");
+        wrong(
+            judge(&config, &shot([-40.0, 10.0, 100.0, 50.0]), 0.2, &right).unwrap_err(),
+            "the tags show the sample",
+        );
         let seventh = right.values.len() / 7;
         let fault = with(&|p| p.values[6 * seventh..].fill(0));
-        assert!(matches!(&fault, Fault::Unfinished(why) if why.contains("14 % of its values are 0")), "{fault:?}");
+        assert!(
+            matches!(&fault, Fault::Unfinished(why) if why.contains("14 % of its values are 0")),
+            "{fault:?}"
+        );
     }
 
     #[test]

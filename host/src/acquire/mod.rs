@@ -11,7 +11,7 @@ use sha2::{Digest, Sha256};
 use crate::error::{Error, Result};
 use crate::plan::Plan;
 use crate::rig::config::RigConfig;
-use crate::{files, progress, toml_file};
+use crate::{files, progress};
 
 pub mod journal;
 mod judge;
@@ -21,6 +21,9 @@ pub mod recipe;
 pub mod simulated;
 pub mod station;
 mod watch;
+
+/// Name of the rig's file in a run's folder.
+pub const RIG_FILE: &str = "rig.toml";
 
 use journal::{ExposureRecord, Journal, Record};
 use station::{Shot, Station, check_interrupt};
@@ -60,7 +63,7 @@ impl RunFolder {
         files::create_folder(&path.join("frames"))?;
         let rig_text = toml::to_string(rig).map_err(|error| Error::failure(format!("rig.toml: {error}")))?;
         let plan_text = plan.to_toml()?;
-        files::write_bytes(&path.join("rig.toml"), rig_text.as_bytes())?;
+        files::write_bytes(&path.join(RIG_FILE), rig_text.as_bytes())?;
         files::write_bytes(&path.join("plan.toml"), plan_text.as_bytes())?;
         let started = Record::Started {
             lobelia: env!("CARGO_PKG_VERSION").into(),
@@ -78,7 +81,16 @@ impl RunFolder {
     /// Input errors for missing or damaged files, and for a plan or rig that was changed after the run began.
     pub fn open(path: &Path) -> Result<Self> {
         let records = journal::read(path)?;
-        Self::with_records(path, records)
+        Self::with_records(path, records, None)
+    }
+
+    /// Opens a run to read it by another rig's numbers than those that it was begun with; its own file may then have been changed.
+    ///
+    /// # Errors
+    /// As [`Self::open`].
+    pub fn open_by(path: &Path, rig: RigConfig) -> Result<Self> {
+        let records = journal::read(path)?;
+        Self::with_records(path, records, Some(rig))
     }
 
     /// Opens a run to continue it.
@@ -87,23 +99,30 @@ impl RunFolder {
     /// As [`Self::open`].
     pub fn resume(path: &Path) -> Result<(Self, Journal)> {
         let (journal, records) = Journal::resume(path)?;
-        Ok((Self::with_records(path, records)?, journal))
+        Ok((Self::with_records(path, records, None)?, journal))
     }
 
-    fn with_records(path: &Path, records: Vec<Record>) -> Result<Self> {
+    fn with_records(path: &Path, records: Vec<Record>, other: Option<RigConfig>) -> Result<Self> {
         let Some(Record::Started { plan_sha256, rig_sha256, .. }) = records.first() else {
             let message = "the run was broken off before it began; start it again without --resume";
             return Err(Error::input(format!("{}: {message}", path.display())));
         };
-        let (rig_path, plan_path) = (path.join("rig.toml"), path.join("plan.toml"));
-        let rig: RigConfig = toml_file::read(&rig_path)?;
-        rig.validate().map_err(|error| error.at(rig_path.display()))?;
-        let plan = Plan::read(&plan_path, &rig)?;
-        for (file, recorded) in [(&rig_path, rig_sha256), (&plan_path, plan_sha256)] {
-            if sha256(files::read_text(file)?.as_bytes()) != *recorded {
-                return Err(Error::input(format!("{}: changed since the run began", file.display())));
+        let unchanged = |file: &Path, recorded: &str, hint: &str| {
+            let changed = sha256(files::read_text(file)?.as_bytes()) != recorded;
+            let message = || Error::input(format!("{}: changed since the run began{hint}", file.display()));
+            if changed { Err(message()) } else { Ok(()) }
+        };
+        let (rig_path, plan_path) = (path.join(RIG_FILE), path.join("plan.toml"));
+        let rig = match other {
+            Some(rig) => rig,
+            None => {
+                let rig = RigConfig::read(&rig_path)?;
+                unchanged(&rig_path, rig_sha256, "; put it back, or let develop take it with --rig")?;
+                rig
             }
-        }
+        };
+        let plan = Plan::read(&plan_path, &rig)?;
+        unchanged(&plan_path, plan_sha256, "")?;
         Ok(Self { path: path.into(), plan, rig, records })
     }
 
@@ -128,12 +147,14 @@ pub fn run(run: &RunFolder, journal: &mut Journal, station: &mut Station) -> Res
     if run.finished() {
         return Ok(Acquired { poses: 0, controller_s: steps.last_us() as f64 * 1e-6 });
     }
-    let done = steps.all();
-    if done.is_err() {
-        // The first error is the one to tell; a link that is gone cannot be told to rest.
-        let _ = steps.station.rest();
+    if let Err(error) = steps.all() {
+        return Err(match steps.station.rest() {
+            Ok(()) => error,
+            Err(rest) => error.hint(format!(
+                "and the rig could not be brought to rest, look whether its lamp burns: {rest}"
+            )),
+        });
     }
-    done?;
     Ok(Acquired { poses: steps.taken, controller_s: steps.station.clock_us()? as f64 * 1e-6 })
 }
 
@@ -174,6 +195,11 @@ impl Steps<'_> {
 
     /// Parameters and homing.
     fn prepare(&mut self) -> Result<()> {
+        if self.station.client.forgive_lease()? {
+            progress::note(
+                "the controller had heard nothing for longer than its lease, stopped and dimmed the lamp; that fault is cleared",
+            );
+        }
         self.station.client.configure(&self.run.rig.configuration()?)?;
         if !self.station.homed()? {
             self.station.client.home()?;

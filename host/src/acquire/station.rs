@@ -6,9 +6,9 @@ use std::time::{Duration, SystemTime};
 
 use lobelia_protocol::Exposure;
 
+use super::judge;
 pub use super::watch::WatchedFolder;
 use super::watch::{self, Arrival};
-use super::judge;
 use crate::error::{Error, Result};
 use crate::progress;
 use crate::rig::RigClient;
@@ -163,10 +163,9 @@ impl Station {
         }
     }
 
-    /// Motors at rest, lamp off.
+    /// Motors at rest, lamp off, even after Ctrl-C.
     pub(super) fn rest(&mut self) -> Result<()> {
-        self.client.stop()?;
-        self.client.lamp(false, 0.0)
+        self.client.rest()
     }
 }
 

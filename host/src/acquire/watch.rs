@@ -137,7 +137,9 @@ impl WatchedFolder {
                 let verdict = if self.taken.contains(&sha256(&bytes)) {
                     Err(Fault::Wrong("it is a photograph that was delivered before".into()))
                 } else if let Some(early_s) = taken_s.and_then(|taken| self.clock.too_early(began_s, taken)) {
-                    Err(Fault::Wrong(format!("by the camera's clock it was taken {early_s:.0} s before the shot")))
+                    Err(Fault::Wrong(format!(
+                        "by the camera's clock it was taken {early_s:.0} s before the shot"
+                    )))
                 } else {
                     judge(&photograph)
                 };
@@ -193,13 +195,17 @@ impl WatchedFolder {
         if let Some((_, reason)) = refused.into_iter().min_by(|a, b| a.0.cmp(&b.0)) {
             return Arrival::Missing { why: nothing(format!("what came is none: {reason}")), again: true };
         }
-        match jpeg {
-            Some(path) => {
-                let message = "the camera stored a JPEG, which is not linear; set it to store 16-bit TIFF files";
-                Arrival::Missing { why: format!("{}: {message}", path.display()), again: false }
-            }
-            None => Arrival::Missing { why: nothing("is the camera's software storing here?".into()), again: true },
+        let Some(path) = jpeg else {
+            let why = nothing("is the camera's software storing here?".into());
+            return Arrival::Missing { why, again: true };
+        };
+        let path = path.display();
+        if self.taken.is_empty() {
+            let message = "the camera stored a JPEG, which is not linear; set it to store 16-bit TIFF files";
+            return Arrival::Missing { why: format!("{path}: {message}"), again: false };
         }
+        // It has stored frames beside its JPEG files before, so one was lost.
+        Arrival::Missing { why: nothing(format!("only the JPEG {path} came")), again: true }
     }
 
     /// The files that are there, without those that other software marks as its temporary ones.
@@ -242,7 +248,9 @@ impl WatchedFolder {
         let expected = self.arriving.get(path).map(|(seen, _)| *seen);
         match fs::read(path) {
             Ok(bytes) => Ok((seen(path) == expected).then_some(bytes)),
-            Err(error) if matches!(error.kind(), ErrorKind::NotFound | ErrorKind::PermissionDenied) => Ok(None),
+            Err(error) if matches!(error.kind(), ErrorKind::NotFound | ErrorKind::PermissionDenied) => {
+                Ok(None)
+            }
             Err(error) => Err(Error::reading(path, error)),
         }
     }
@@ -284,7 +292,8 @@ impl WatchedFolder {
         files::write_bytes(&kept, &bytes)?;
         let note = format!("{}: {why}\n", kept.file_name().unwrap_or_default().to_string_lossy());
         let reasons = aside.join(REASONS);
-        let append = || fs::OpenOptions::new().append(true).create(true).open(&reasons)?.write_all(note.as_bytes());
+        let append =
+            || fs::OpenOptions::new().append(true).create(true).open(&reasons)?.write_all(note.as_bytes());
         append().map_err(|error| Error::writing(&reasons, error))?;
         remove(path)?;
         self.forget(path);

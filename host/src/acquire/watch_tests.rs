@@ -23,7 +23,8 @@ impl Place {
     fn new(timeout_ms: u64) -> Self {
         let root = tempfile::tempdir().unwrap();
         fs::create_dir(root.path().join("photos")).unwrap();
-        let watched = WatchedFolder::new(&root.path().join("photos"), Duration::from_millis(timeout_ms)).unwrap();
+        let watched =
+            WatchedFolder::new(&root.path().join("photos"), Duration::from_millis(timeout_ms)).unwrap();
         Self { root, watched }
     }
 
@@ -161,7 +162,10 @@ fn a_jpeg_beside_the_frame_is_passed_over_and_one_instead_of_it_is_named() {
 fn a_late_photograph_is_put_aside_before_the_next_shot_and_a_wrong_one_while_the_right_one_may_come() {
     let mut place = Place::new(100);
     let arrival = with_camera(&mut place, |_| ());
-    assert!(matches!(&arrival, Arrival::Missing { why, again: true } if why.contains("storing here?")), "{arrival:?}");
+    assert!(
+        matches!(&arrival, Arrival::Missing { why, again: true } if why.contains("storing here?")),
+        "{arrival:?}"
+    );
     fs::write(place.photo("shot-1.tiff"), frame(1)).unwrap();
     place.drain();
     assert_eq!(place.photos(), Vec::<String>::new());
@@ -183,18 +187,27 @@ fn a_late_photograph_is_put_aside_before_the_next_shot_and_a_wrong_one_while_the
     fs::write(place.photo("shot-4.tiff"), frame(3)).unwrap();
     place.watched.timeout = Duration::from_millis(900);
     let again = place.collect(&anything);
-    assert!(matches!(&again, Arrival::Missing { why, again: true } if why.contains("delivered before")), "{again:?}");
+    assert!(
+        matches!(&again, Arrival::Missing { why, again: true } if why.contains("delivered before")),
+        "{again:?}"
+    );
 }
 
 #[test]
 fn a_file_that_stays_unfinished_is_never_taken_and_said_so() {
     let mut place = Place::new(700);
     let arrival = with_camera(&mut place, |at| fs::write(at("half.tiff"), &frame(1)[..60]).unwrap());
-    assert!(matches!(&arrival, Arrival::Missing { why, again: true } if why.contains("half.tiff: the frame is truncated")), "{arrival:?}");
+    assert!(
+        matches!(&arrival, Arrival::Missing { why, again: true } if why.contains("half.tiff: the frame is truncated")),
+        "{arrival:?}"
+    );
     let unfinished = |_: &Photograph| Err(Fault::Unfinished("14 % of its values are 0".into()));
     fs::write(place.photo("zeros.tiff"), frame(1)).unwrap();
     let arrival = place.collect(&unfinished);
-    assert!(matches!(&arrival, Arrival::Missing { why, .. } if why.contains("zeros.tiff: 14 %")), "{arrival:?}");
+    assert!(
+        matches!(&arrival, Arrival::Missing { why, .. } if why.contains("zeros.tiff: 14 %")),
+        "{arrival:?}"
+    );
     assert_eq!((place.taken(), place.reasons()), (None, String::new()));
     assert!(WatchedFolder::new(&place.photo("gone"), Duration::ZERO).is_err());
 }
