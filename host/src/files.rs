@@ -39,7 +39,10 @@ pub fn try_file(path: &Path) -> Result<()> {
 /// As [`try_file`], for a name that a file has.
 pub fn try_folder(path: &Path) -> Result<()> {
     if path.exists() && !path.is_dir() {
-        return Err(Error::input(format!("{}: no folder, so no files can be written into it", path.display())));
+        return Err(Error::input(format!(
+            "{}: no folder, so no files can be written into it",
+            path.display()
+        )));
     }
     durable::try_writing(&path.join("file")).map_err(|error| Error::writing(path, error))
 }

@@ -7,12 +7,12 @@ use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
+use crate::small;
 use lobelia::acquire::simulated;
 use lobelia::rig::config::RigConfig;
 use lobelia_hil_sim::optics::OpticalBench;
 use lobelia_hil_sim::optics::frame::{FrameNotes, write_tiff};
 use lobelia_hil_sim::{ExposureTruth, FaultRates, FaultyLink, SimulatedRig, serve_tcp};
-use crate::small;
 use lobelia_protocol::{FrameDecoder, Hello, HelloReply, ToController, ToHost, Verdict, schema};
 
 /// How many times as fast as real time a served rig's clock runs.
@@ -20,7 +20,8 @@ const SPEED: f64 = 300.0;
 
 /// The file that the simulated camera stores of an exposure.
 fn photographed(bench: &OpticalBench, truth: &ExposureTruth) -> Vec<u8> {
-    let values = bench.record(&bench.radiance(truth.axes_rad), truth.lamp_relative, truth.open_s, truth.sequence);
+    let values =
+        bench.record(&bench.radiance(truth.axes_rad), truth.lamp_relative, truth.open_s, truth.sequence);
     let notes = FrameNotes { exposure_s: truth.open_s, f_number: 16.0, taken_s: truth.start_us / 1_000_000 };
     let camera = &bench.config().camera;
     let mut file = Cursor::new(Vec::new());

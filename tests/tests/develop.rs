@@ -7,7 +7,9 @@ use std::path::Path;
 
 use lobelia::acquire::{self, RunFolder, simulated};
 use lobelia::develop::{self, frame};
-use lobelia_tests::command::run;
+use lobelia::rig::config::RigConfig;
+use lobelia::sampled::SampledSbrdf;
+use lobelia_tests::command::{run, succeed};
 use lobelia_tests::small;
 
 /// A finished run of `poses` poses, all with the same exposures, so that nothing but the photographs tells them apart.
@@ -63,7 +65,10 @@ fn one_exposure_of_another_pose_in_a_bracket_is_noticed() {
     fs::copy(photograph(folder.path(), 3, 1), photograph(folder.path(), 4, 1)).unwrap();
     let (kept, why, _) = developed(folder.path());
     assert_eq!(kept, [0, 1, 2, 3, 5, 6, 7]);
-    assert!(why[0].contains("pose-00004-0.tiff and frames/pose-00004-1.tiff do not show the same"), "{why:?}");
+    assert!(
+        why[0].contains("pose-00004-0.tiff and frames/pose-00004-1.tiff do not show the same"),
+        "{why:?}"
+    );
 }
 
 #[test]
@@ -127,4 +132,87 @@ fn dark_frames_that_were_lit_by_the_lamp_are_refused_by_name() {
     fs::write(&journal, lines.concat()).unwrap();
     run(folder.path(), &["develop", "run", "-o", "sampled.zarr"])
         .refuses(2, &["dark-04.tiff", "the lamp burnt", "0.500 of its warm light"]);
+}
+
+/// The same photographs by another lens: the store says by which, texels and region are those asked for, and a part is the whole's.
+#[test]
+fn a_run_is_developed_again_by_other_settings_which_the_store_keeps_beside_the_runs_own() {
+    let folder = measured(4);
+    let path = folder.path();
+    let develop = |more: &[&str]| succeed(path, &[&["develop", "run", "--quiet", "-o"], more].concat());
+    develop(&["whole.zarr"]);
+    develop(&["fine.zarr", "--set", "carrier.texels_across=32", "--set", "camera.focal_px=[2030, 2031]"]);
+    let fine = SampledSbrdf::read_zarr(&path.join("fine.zarr")).unwrap();
+    assert_eq!((fine.width, fine.height, fine.texel_mm), (32, 32, 2.0));
+    let root: serde_json::Value =
+        serde_json::from_slice(&fs::read(path.join("fine.zarr/zarr.json")).unwrap()).unwrap();
+    let by: RigConfig =
+        toml::from_str(root["attributes"]["developed_by_rig_toml"].as_str().unwrap()).unwrap();
+    assert_eq!((by.carrier.texels_across, by.camera.focal_px), (32, [2030.0, 2031.0]));
+    let own = fs::read_to_string(path.join("run/rig.toml")).unwrap();
+    assert_eq!(root["attributes"]["run_rig_toml"].as_str().unwrap(), own);
+
+    develop(&["part.zarr", "--region", "2,1,4,3"]);
+    let [whole, part] =
+        ["whole.zarr", "part.zarr"].map(|name| SampledSbrdf::read_zarr(&path.join(name)).unwrap());
+    assert_eq!((part.width, part.height), (4, 3));
+    for (texel, of_whole) in [(0, 8 + 2), (3, 8 + 5), (11, 3 * 8 + 5)] {
+        assert_eq!(part.position_mm(texel), whole.position_mm(of_whole));
+        assert!(
+            part.values(texel).iter().zip(whole.values(of_whole)).all(|(a, b)| a.to_bits() == b.to_bits())
+        );
+    }
+
+    // A rig that was changed after the run is taken when it is named, and only then.
+    fs::write(path.join("run/rig.toml"), own.replacen("read_noise_e = 6", "read_noise_e = 7", 1)).unwrap();
+    run(path, &["develop", "run", "-o", "no.zarr"]).refuses(2, &["run/rig.toml", "changed", "--rig"]);
+    run(path, &["develop", "run", "-o", "no.zarr", "--set", "carrier.texels_across=4"])
+        .refuses(2, &["changed"]);
+    develop(&["named.zarr", "--rig", "run/rig.toml"]);
+    run(path, &["develop", "run", "-o", "no.zarr", "--rig", "run/rig.toml", "--set", "camera.width=0"])
+        .refuses(2, &["--set camera.width=0", "camera.width"]);
+    run(path, &["develop", "run", "-o", "no.zarr", "--rig", "run/plan.toml"])
+        .refuses(2, &["this is a plan, but a rig is needed here"]);
+}
+
+/// Poses keep their numbers whatever is missing.
+#[test]
+fn what_is_there_of_a_run_is_developed_and_what_is_not_is_named() {
+    let folder = measured(6);
+    let path = folder.path();
+    let whole = {
+        succeed(path, &["develop", "run", "-o", "whole.zarr"]);
+        SampledSbrdf::read_zarr(&path.join("whole.zarr")).unwrap()
+    };
+    let journal = path.join("run/journal.jsonl");
+    let text = fs::read_to_string(&journal).unwrap();
+    let lines: Vec<&str> = text.split_inclusive('\n').collect();
+    fs::write(&journal, lines[..lines.len() - 2].concat()).unwrap();
+    fs::write(photograph(path, 1, 1), b"damaged").unwrap();
+    let develop = ["develop", "run", "-o", "part.zarr"];
+    run(path, &develop).refuses(2, &["1 of 6 poses", "--partial"]);
+    let said = run(path, &[&develop[..], &["--partial", "--skip-pose", "3"]].concat());
+    assert_eq!(said.code, Some(0), "{said:?}");
+    for part in [
+        "pose 3 is left out: it was asked for",
+        "pose 5 is left out: it is not photographed yet",
+        "pose-00001-1.tiff",
+    ] {
+        assert!(said.stderr.contains(part), "{part}: {}", said.stderr);
+    }
+    let part = SampledSbrdf::read_zarr(&path.join("part.zarr")).unwrap();
+    let weights: Vec<f64> = part.poses.iter().map(|pose| pose.weight).collect();
+    assert_eq!(weights, [1.0, 1.0, 1.0, 0.0, 1.0, 0.0]);
+    let bits = |sampled: &SampledSbrdf, pose: usize| {
+        sampled.samples(20).nth(pose).unwrap().to_array().map(f32::to_bits)
+    };
+    let same = |pose: usize| bits(&part, pose) == bits(&whole, pose);
+    assert!(same(0) && same(2) && same(4), "poses that are whole are as they were");
+    assert!(!same(1) && part.samples(20).nth(1).unwrap().is_finite(), "one exposure is enough for pose 1");
+
+    // Without leave to leave out, a damaged frame ends it, and says what would help.
+    fs::write(&journal, &text).unwrap();
+    run(path, &develop).refuses(2, &["pose 1", "pose-00001-1.tiff", "--skip-pose 1"]);
+    succeed(path, &[&develop[..], &["--skip-pose", "1", "--quiet"]].concat());
+    run(path, &[&develop[..], &["--skip-pose", "4-9"]].concat()).refuses(2, &["pose 6 is not in the plan"]);
 }

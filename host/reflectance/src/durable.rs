@@ -117,7 +117,10 @@ pub fn try_writing(path: &Path) -> io::Result<()> {
         folder = folder_of(folder);
     }
     if !folder.is_dir() {
-        return Err(io::Error::new(io::ErrorKind::NotADirectory, format!("{} is no folder", folder.display())));
+        return Err(io::Error::new(
+            io::ErrorKind::NotADirectory,
+            format!("{} is no folder", folder.display()),
+        ));
     }
     let trial = unused_name(&folder.join("lobelia"), "try");
     File::create_new(&trial)?;

@@ -309,6 +309,20 @@ fn output(args: &FitArgs) -> Result<&Path> {
     args.output.as_deref().ok_or_else(|| Error::input(message))
 }
 
+/// On Ctrl-C says what is kept and how to go on, and ends. Writing is atomic, so nothing half-written is left in a map's place.
+fn say_when_interrupted(part: bool) {
+    let hint = if part {
+        "this part is not written; the same command does it again, and parts that are done are kept"
+    } else {
+        "nothing is written; the same command begins again, and one in parts (--chunks 1/8 to 8/8, then --merge) keeps those that are done"
+    };
+    // A second handler in one process is refused; the first one serves.
+    let _ = ctrlc::set_handler(move || {
+        eprintln!("lobelia: the fit was interrupted: {hint}");
+        std::process::exit(1);
+    });
+}
+
 fn fit_sampled(args: &FitArgs, input: &Path) -> Result<FitOutcome> {
     let output = output(args)?;
     let mut options = sampled_options(args)?;
@@ -318,6 +332,7 @@ fn fit_sampled(args: &FitArgs, input: &Path) -> Result<FitOutcome> {
         ));
     }
     let store = SampledStore::open(input)?;
+    say_when_interrupted(args.chunks.is_some());
     args.weigh(&mut options, &store);
     if let Some(part) = args.chunks {
         return parts::fit(&store, &options, part, output);

@@ -125,7 +125,8 @@ fn notes(bytes: &[u8]) -> ExifNotes {
 fn fine(whole_s: f64, fraction: Option<&Vec<u8>>) -> (f64, f64) {
     let digits: Option<f64> = fraction.and_then(|text| {
         let text = std::str::from_utf8(text).ok()?.trim_matches([' ', '\0']);
-        (!text.is_empty() && text.bytes().all(|b| b.is_ascii_digit())).then(|| format!("0.{text}").parse().ok())?
+        (!text.is_empty() && text.bytes().all(|b| b.is_ascii_digit()))
+            .then(|| format!("0.{text}").parse().ok())?
     });
     digits.map_or((whole_s, 1.0), |fraction| (whole_s + fraction, 0.1))
 }
@@ -134,7 +135,8 @@ fn fine(whole_s: f64, fraction: Option<&Vec<u8>>) -> (f64, f64) {
 fn seconds(date: &exif::DateTime) -> f64 {
     let (year, month, day) = (i64::from(date.year), i64::from(date.month), i64::from(date.day));
     let (year, month) = if month < 3 { (year - 1, month + 9) } else { (year, month - 3) };
-    let days = 365 * year + year.div_euclid(4) - year.div_euclid(100) + year.div_euclid(400)
+    let days = 365 * year + year.div_euclid(4) - year.div_euclid(100)
+        + year.div_euclid(400)
         + (153 * month + 2) / 5
         + day
         - 1;
@@ -156,7 +158,9 @@ impl ExifExposure {
         };
         let hint = "set the camera's exposure to bulb, or camera.exif in rig.toml to";
         let Some(exif_s) = exif_s else {
-            return Err(format!("no readable EXIF block with an exposure time; {hint} \"ignore\" if it writes none"));
+            return Err(format!(
+                "no readable EXIF block with an exposure time; {hint} \"ignore\" if it writes none"
+            ));
         };
         let ratio = exif_s / open_s;
         if ratio.max(1.0 / ratio) > most * (1.0 + 1e-6) {
@@ -254,7 +258,9 @@ mod tests {
     #[test]
     fn nominal_speeds_are_taken_for_what_they_stand_for_and_a_third_of_a_stop_is_the_end_of_it() {
         use ExifExposure::{Exact, Ignore, Nominal};
-        for (exif_s, open_s) in [(1.0 / 60.0, 1.0 / 64.0), (0.4, 0.3788), (1.0 / 15.0, 1.0 / 16.0), (30.0, 32.0)] {
+        for (exif_s, open_s) in
+            [(1.0 / 60.0, 1.0 / 64.0), (0.4, 0.3788), (1.0 / 15.0, 1.0 / 16.0), (30.0, 32.0)]
+        {
             assert_eq!(Nominal.agrees(Some(exif_s), open_s), Ok(()));
             assert!(Exact.agrees(Some(exif_s), open_s).unwrap_err().contains("nominal"));
         }

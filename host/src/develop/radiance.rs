@@ -138,7 +138,9 @@ pub fn contradiction(
     let contradict = |first: &BracketedFrame, second: &BracketedFrame| {
         let (mut compared, mut disagreeing) = (0, 0);
         for k in 0..first.frame.values.len().min(second.frame.values.len()) {
-            let (Some((a, noise_a)), Some((b, noise_b))) = (seen(k, first), seen(k, second)) else { continue };
+            let (Some((a, noise_a)), Some((b, noise_b))) = (seen(k, first), seen(k, second)) else {
+                continue;
+            };
             let (noise, most) = (6.0 * noise_a.hypot(noise_b), DISAGREEMENT * a.max(b));
             if noise < most {
                 compared += 1;
@@ -264,7 +266,10 @@ mod tests {
             let dark = DarkSignal::from_frames(&camera, &[short, short, long].map(shot)).unwrap();
             for seconds in [0.0, 0.005, short, 1.5, long, 8.0] {
                 let found = f64::from(dark.at(3, seconds));
-                assert!((found - level(seconds)).abs() < 1e-3, "{short} s and {long} s: {found} after {seconds} s");
+                assert!(
+                    (found - level(seconds)).abs() < 1e-3,
+                    "{short} s and {long} s: {found} after {seconds} s"
+                );
             }
             // What a dark frame says of its own exposure is its mean: the noise of that and of nothing else.
             assert!((dark.variance(9.0, 1, short) - 9.0 / 2.0).abs() < 1e-12);
@@ -288,7 +293,8 @@ mod tests {
                 let (x, y) = (k % camera.width, k / camera.width);
                 let radiance = factor * if ((x + shift) / 8) % 2 == 0 { 0.5 } else { 0.1 };
                 let gain = camera.responsivity[bayer_channel(x, y)];
-                (camera.black_level + 3.0 * exposure_s + radiance * gain * exposure_s).min(camera.white_level) as u16
+                (camera.black_level + 3.0 * exposure_s + radiance * gain * exposure_s).min(camera.white_level)
+                    as u16
             };
             let values = (0..camera.width * camera.height).map(value).collect();
             let frame = RawFrame { width: camera.width, height: camera.height, values, exposure_s };

@@ -107,7 +107,8 @@ pub fn register_frame(
     let saturated = super::radiance::saturation(camera);
     let value = |(k, &value): (usize, &u16)| {
         let channel = bayer_channel(k % frame.width, k / frame.width);
-        let light = (f64::from(value) - camera.black_level) / (camera.responsivity[channel] * frame.exposure_s);
+        let light =
+            (f64::from(value) - camera.black_level) / (camera.responsivity[channel] * frame.exposure_s);
         if value < saturated { light as f32 } else { f32::NAN }
     };
     let data = frame.values.iter().enumerate().map(value).collect();
@@ -235,7 +236,12 @@ mod tests {
         let bench = simulated::bench(config, layout);
         let values = bench.record(&bench.radiance(STAND.map(f64::to_radians)), 1.0, 0.2, 1);
         let data = values.iter().map(|&value| f32::from(value) - config.camera.black_level as f32).collect();
-        MosaicRadiance { width: config.camera.width, height: config.camera.height, data, variance: Vec::new() }
+        MosaicRadiance {
+            width: config.camera.width,
+            height: config.camera.height,
+            data,
+            variance: Vec::new(),
+        }
     }
 
     /// Copies the piece of a photograph around `from` to around `to`; both even, so that the filters' colours stay.
@@ -286,7 +292,8 @@ mod tests {
         let mut seen = fiducials::detect(&image);
         seen.retain_mut(|found| fiducials::refine(&image, found).is_some());
         let (_, right) = true_tags(&config, &image, seen.clone()).unwrap();
-        let place = |tags: &[Detection], id: u32| tags.iter().find(|found| found.id == id).map(|found| found.corners);
+        let place =
+            |tags: &[Detection], id: u32| tags.iter().find(|found| found.id == id).map(|found| found.corners);
         let own = place(&right, 2).unwrap();
         let wrong = seen.iter_mut().find(|found| found.id == 2).unwrap();
         wrong.corners = wrong.corners.map(|corner| corner + DVec2::new(9.0, 5.0));

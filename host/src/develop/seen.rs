@@ -54,7 +54,9 @@ impl SeenPose {
         let starts = [Some(motors), decomposed(config, homography)];
         let found = starts.into_iter().flatten().filter_map(|start| refined(config, start, corners));
         // Seen nearly face to face, a plane that leans either way looks alike: of two that explain the corners, the motors' own.
-        found.reduce(|near, other| if near.1 > 1.2 * other.1 + 0.01 { other } else { near }).map(|found| found.0)
+        found
+            .reduce(|near, other| if near.1 > 1.2 * other.1 + 0.01 { other } else { near })
+            .map(|found| found.0)
     }
 
     /// What lies between this and the motors' `angles`.
@@ -125,16 +127,15 @@ fn refined(config: &RigConfig, start: SamplePose, corners: &[Correspondence]) ->
 /// A pose turned on the bench by the first three unknowns, rad, and shifted by the others, mm.
 fn moved(pose: &SamplePose, step: &[f64; 6]) -> SamplePose {
     let turn = DMat3::from_quat(DQuat::from_scaled_axis(DVec3::from_slice(&step[..3])));
-    SamplePose { rotation: turn * pose.rotation, translation: pose.translation + DVec3::from_slice(&step[3..]) }
+    SamplePose {
+        rotation: turn * pose.rotation,
+        translation: pose.translation + DVec3::from_slice(&step[3..]),
+    }
 }
 
 /// The normal equations of a step, residuals in standard deviations of a corner, and the residuals' RMS in pixels along one
 /// coordinate; `None` where the plane is not before the camera.
-fn equations(
-    config: &RigConfig,
-    pose: &SamplePose,
-    corners: &[Correspondence],
-) -> Option<(Normal<6>, f64)> {
+fn equations(config: &RigConfig, pose: &SamplePose, corners: &[Correspondence]) -> Option<(Normal<6>, f64)> {
     let focal = DVec2::from(config.camera.focal_px);
     let weight = focal / CORNER_SIGMA_PX;
     let centre = camera_position(config);
@@ -157,7 +158,11 @@ fn equations(
         ];
         for (by_place, residual) in along.into_iter().zip([residual.x, residual.y]) {
             let by_turn = arm.cross(by_place);
-            equations.add(&[by_turn.to_array(), by_place.to_array()].concat().try_into().ok()?, residual, 1.0);
+            equations.add(
+                &[by_turn.to_array(), by_place.to_array()].concat().try_into().ok()?,
+                residual,
+                1.0,
+            );
         }
     }
     Some((equations, (squares / (2 * corners.len()).max(1) as f64).sqrt()))
@@ -175,14 +180,21 @@ mod tests {
         places
             .enumerate()
             .map(|(k, plane_mm)| {
-                let error = DVec2::new(jitter(2 * k), jitter(2 * k + 1)) * noise_px / config.camera.focal_px[0];
+                let error =
+                    DVec2::new(jitter(2 * k), jitter(2 * k + 1)) * noise_px / config.camera.focal_px[0];
                 let image = camera::project(camera_position(config), truth.into_bench(plane_mm.extend(0.0)));
                 Correspondence { plane_mm, image: image + error }
             })
             .collect()
     }
 
-    fn difference(config: &RigConfig, stand: [f64; 4], truth: &SamplePose, tags: usize, noise: f64) -> Difference {
+    fn difference(
+        config: &RigConfig,
+        stand: [f64; 4],
+        truth: &SamplePose,
+        tags: usize,
+        noise: f64,
+    ) -> Difference {
         let corners = corners(config, truth, tags, noise);
         let angles = MotorAngles::from_degrees(stand);
         let homography = Homography::fit(&corners).unwrap();

@@ -82,7 +82,8 @@ fn shift(
     let last = places.last().map_or(first, |(pose, _)| *pose);
     let distance = offset.unsigned_abs();
     let which = if offset < 0 { "before" } else { "after" };
-    let poses_off = if distance == 1 { "the pose".to_string() } else { format!("the pose {distance} places") };
+    let poses_off =
+        if distance == 1 { "the pose".to_string() } else { format!("the pose {distance} places") };
     let sentence = format!(
         "{poses} photographs, of poses {first} to {last}, show {poses_off} {which} theirs: from pose {first} on the camera's \\
          photographs are shifted against the rig's poses, so photograph these poses again"
