@@ -20,6 +20,26 @@ fn exposure_opens_for_its_time_once_the_lamp_is_warm() {
     assert_eq!(rig.bench.borrow().shutter, [(start, true), (start + 488, false)]);
 }
 
+/// A lamp that the lease has dimmed, say, glows as long as one likes and is still cold for full level.
+#[test]
+fn lamp_raised_from_a_lower_level_warms_up_anew_and_one_set_to_the_same_level_does_not() {
+    let mut rig = Rig::homed();
+    rig.ask(Command::Lamp { on: true, level: 16384 });
+    rig.bench.borrow_mut().now_us += 20_000_000;
+    let remaining = |rig: &mut Rig, level: u16| {
+        rig.ask(Command::Lamp { on: true, level });
+        let Outcome::Done(Answer::Status(status)) = rig.ask(Command::Status) else { panic!("no status") };
+        (status.lamp.warm, status.lamp.remaining_s)
+    };
+    assert_eq!(remaining(&mut rig, 16384), (true, 0));
+    assert_eq!(remaining(&mut rig, 65535), (false, 10));
+    rig.bench.borrow_mut().now_us += 4_000_000;
+    assert_eq!(remaining(&mut rig, 65535), (false, 6));
+    rig.bench.borrow_mut().now_us += 6_000_000;
+    assert_eq!(remaining(&mut rig, 65535), (true, 0));
+    assert_eq!(remaining(&mut rig, 30000), (true, 0));
+}
+
 /// A rig whose lamp is warm.
 fn lit() -> Rig {
     let mut rig = Rig::homed();

@@ -49,6 +49,12 @@ impl Error {
         self
     }
 
+    /// Says at the end what to do.
+    pub fn hint(mut self, hint: impl fmt::Display) -> Self {
+        self.message = format!("{}; {hint}", self.message);
+        self
+    }
+
     /// Input or failure.
     pub fn kind(&self) -> Kind {
         self.kind

@@ -37,11 +37,17 @@ impl<const N: usize> Normal<N> {
 
     /// The diagonal of the inverse: the variances of the unknowns for residuals of unit variance.
     pub fn variances(&self) -> Option<[f64; N]> {
+        let inverse = self.inverse()?;
+        Some(std::array::from_fn(|i| inverse[i][i]))
+    }
+
+    /// The inverse: the covariance of the unknowns for residuals of unit variance.
+    pub fn inverse(&self) -> Option<[[f64; N]; N]> {
         let factor = self.factor(0.0)?;
         Some(std::array::from_fn(|i| {
             let mut unit = [0.0; N];
             unit[i] = 1.0;
-            substitute(&factor, unit)[i]
+            substitute(&factor, unit)
         }))
     }
 

@@ -11,7 +11,7 @@ use crate::reflectance::Rgb;
 
 mod store;
 
-pub use store::{SampledStore, Window};
+pub use store::{Attributes, SampledStore, Window};
 
 /// Where the light and the camera stood for one pose, in the sample's frame (origin at its centre, z outward).
 #[derive(Debug, Clone, Copy, PartialEq)]

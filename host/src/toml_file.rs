@@ -15,6 +15,61 @@ pub fn read<T: DeserializeOwned>(path: &Path) -> Result<T> {
     parse(&files::read_text(path)?, &path.display().to_string())
 }
 
+/// A TOML file of one of these kinds; told from the others by a table or key that none of them has.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Kind {
+    /// `lobelia template rig`.
+    Rig,
+    /// `lobelia plan`.
+    Plan,
+    /// `lobelia template scene`.
+    Scene,
+    /// `lobelia template material`.
+    Material,
+}
+
+impl Kind {
+    /// With its article, and where such a file comes from.
+    fn name(self) -> (&'static str, &'static str) {
+        match self {
+            Self::Rig => ("a rig", "lobelia template rig"),
+            Self::Plan => ("a plan", "lobelia plan"),
+            Self::Scene => ("a scene", "lobelia template scene"),
+            Self::Material => ("a material", "lobelia template material"),
+        }
+    }
+
+    /// The kind of a text, as far as it can be told.
+    fn of(text: &str) -> Option<Self> {
+        let table: toml::Table = toml::from_str(text).ok()?;
+        let has = |key: &str| table.contains_key(key);
+        let kinds = [
+            (Self::Plan, has("spacing_deg") || has("pose")),
+            (Self::Rig, has("axes") || has("carrier") || has("simulator")),
+            (Self::Material, has("pattern")),
+            (Self::Scene, has("object") || has("light")),
+        ];
+        kinds.into_iter().find(|(_, is)| *is).map(|(kind, _)| kind)
+    }
+}
+
+/// Reads a TOML file that should be of a kind.
+///
+/// # Errors
+/// As [`read`]; a file of another kind is named as what it is.
+pub fn read_as<T: DeserializeOwned>(path: &Path, kind: Kind) -> Result<T> {
+    let text = files::read_text(path)?;
+    parse(&text, &path.display().to_string()).map_err(|error| match Kind::of(&text) {
+        Some(other) if other != kind => {
+            let (wanted, source) = kind.name();
+            let message =
+                format!("this is {}, but {wanted} is needed here ({source} writes one)", other.name().0);
+            Error::input(format!("{}: {message}", path.display()))
+        }
+        _ => error,
+    })
+}
+
 /// Parses TOML text; `name` stands for the file in errors.
 ///
 /// # Errors
@@ -61,6 +116,25 @@ mod tests {
         assert_eq!(error.exit_code(), 2);
         assert!(text.contains("rig.toml, line 2"), "{text}");
         assert!(text.contains("`warmup_s`") && text.contains("nearest known key is `warm_up_s`"), "{text}");
+    }
+
+    #[test]
+    fn a_file_of_another_kind_is_named_as_what_it_is() {
+        let folder = tempfile::tempdir().unwrap();
+        let write = |name: &str, text: &str| {
+            let path = folder.path().join(name);
+            std::fs::write(&path, text).unwrap();
+            path
+        };
+        let plan = write("plan.toml", "format = 1\nspacing_deg = 5.0\npose = []\n");
+        let message = read_as::<Lamp>(&plan, Kind::Rig).unwrap_err().to_string();
+        assert!(message.contains("plan.toml: this is a plan, but a rig is needed here"), "{message}");
+        let rig = write("rig.toml", "[axes.pan]\nmin_deg = 3\n");
+        let message = read_as::<Lamp>(&rig, Kind::Plan).unwrap_err().to_string();
+        assert!(message.contains("this is a rig, but a plan is needed"), "{message}");
+        // Of the right kind, but wrong: what is wrong is told.
+        let message = read_as::<Lamp>(&rig, Kind::Rig).unwrap_err().to_string();
+        assert!(message.contains("line 1") && message.contains("axes"), "{message}");
     }
 
     #[test]

@@ -18,8 +18,8 @@ pub use frame::{EncodedFrame, FrameDecoder, FrameError};
 pub use hello::{Hello, HelloReply, Verdict};
 pub use message::{
     Answer, Axis, AxisParameters, Command, Configuration, CrashCause, CrashRecord, DriverParameters,
-    DriverTrouble, Event, Exposure, Field, Happening, HomeDirection, HomingReport, LampStatus, LogLine,
-    Outcome, Refusal, Request, Response, Settings, Status, Telemetry,
+    DriverTrouble, EXPOSURE_US, Event, Exposure, Field, Happening, HomeDirection, HomingReport, LampStatus,
+    LogLine, Outcome, Refusal, Request, Response, Settings, Status, Telemetry,
 };
 pub use packet::{CodecError, ToController, ToHost};
 

@@ -7,6 +7,9 @@ use serde::{Deserialize, Serialize};
 use crate::AXES;
 use crate::fault::{FaultReport, Faults};
 
+/// How long a shutter may be open, µs.
+pub const EXPOSURE_US: core::ops::RangeInclusive<u32> = 100..=60_000_000;
+
 /// The axes, in the order of every array of four.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Axis {
@@ -190,7 +193,7 @@ pub enum Command {
     },
     /// Fires the shutter, after a rest of 1 ms. Answered when it has closed.
     Expose {
-        /// Open time, µs.
+        /// Open time, µs, within [`EXPOSURE_US`].
         duration_us: u32,
         /// Refuse unless the lamp is warm; false for dark frames.
         warm_lamp: bool,

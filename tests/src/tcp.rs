@@ -1,15 +1,16 @@
 //! Rigs on TCP: a simulated one with its camera, a line that spoils bytes or breaks, and a controller of another version.
 
-use std::fs::File;
-use std::io::{Read, Write};
+use std::io::{Cursor, Read, Write};
 use std::net::{Shutdown, SocketAddr, TcpListener, TcpStream};
 use std::path::Path;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
+use crate::small;
 use lobelia::acquire::simulated;
 use lobelia::rig::config::RigConfig;
+use lobelia_hil_sim::optics::OpticalBench;
 use lobelia_hil_sim::optics::frame::{FrameNotes, write_tiff};
 use lobelia_hil_sim::{ExposureTruth, FaultRates, FaultyLink, SimulatedRig, serve_tcp};
 use lobelia_protocol::{FrameDecoder, Hello, HelloReply, ToController, ToHost, Verdict, schema};
@@ -17,10 +18,20 @@ use lobelia_protocol::{FrameDecoder, Hello, HelloReply, ToController, ToHost, Ve
 /// How many times as fast as real time a served rig's clock runs.
 const SPEED: f64 = 300.0;
 
-/// Stores a dark frame of a few pixels.
-fn store(file: &Path) -> std::io::Result<()> {
-    let notes = FrameNotes { exposure_s: 0.1, f_number: 16.0, taken_s: 0 };
-    write_tiff(File::create(file)?, 8, 6, &[0; 48], &notes)
+/// The file that the simulated camera stores of an exposure.
+fn photographed(bench: &OpticalBench, truth: &ExposureTruth) -> Vec<u8> {
+    let values =
+        bench.record(&bench.radiance(truth.axes_rad), truth.lamp_relative, truth.open_s, truth.sequence);
+    let notes = FrameNotes { exposure_s: truth.open_s, f_number: 16.0, taken_s: truth.start_us / 1_000_000 };
+    let camera = &bench.config().camera;
+    let mut file = Cursor::new(Vec::new());
+    write_tiff(&mut file, camera.width, camera.height, &values, &notes).expect("memory takes a frame");
+    file.into_inner()
+}
+
+/// A camera that does as it should: a file of its own for every exposure.
+fn dutiful(shot: u64, photograph: Vec<u8>) -> Vec<(String, Vec<u8>)> {
+    vec![(format!("shot-{shot:04}.tiff"), photograph)]
 }
 
 fn listener() -> (TcpListener, SocketAddr) {
@@ -46,6 +57,16 @@ pub struct ServedRig {
 impl ServedRig {
     /// Serves the rig that `config` describes; its camera writes into `photographs`. Lives as long as the test's process.
     pub fn start(config: &RigConfig, photographs: &Path) -> Self {
+        Self::start_with(config, photographs, dutiful)
+    }
+
+    /// The same with a camera of which `store` says what files it stores of the exposure of a number, from 1 on.
+    pub fn start_with(
+        config: &RigConfig,
+        photographs: &Path,
+        mut store: impl FnMut(u64, Vec<u8>) -> Vec<(String, Vec<u8>)> + Send + 'static,
+    ) -> Self {
+        let bench = simulated::bench(config, small::layout(config));
         let rig = SimulatedRig::new(&simulated::mechanics(config));
         let (listener, address) = listener();
         let (served, watched) = (rig.clone(), rig.clone());
@@ -58,8 +79,9 @@ impl ServedRig {
                 if let Some(truth) = watched.last_exposure().filter(|truth| truth.sequence > last) {
                     last = truth.sequence;
                     noted.lock().expect("no thread panicked").push(truth);
+                    let files = store(last, photographed(&bench, &truth));
                     // The folder goes with the test that is over.
-                    if store(&folder.join(format!("shot-{last:04}.tiff"))).is_err() {
+                    if files.iter().any(|(name, bytes)| std::fs::write(folder.join(name), bytes).is_err()) {
                         return;
                     }
                 }

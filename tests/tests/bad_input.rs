@@ -251,3 +251,58 @@ fn options_that_make_no_sense_are_bad_input() {
     }
     assert!(folder::listing(folder.path()).is_empty());
 }
+
+/// /proc takes no files, whoever asks. What is refused must be refused before the work: nothing else is wrong with these commands.
+#[cfg(target_os = "linux")]
+#[test]
+fn an_output_that_cannot_be_written_is_told_before_the_work_and_a_folder_that_is_missing_is_made() {
+    let folder = finished_run();
+    let path = folder.path();
+    fs::write(path.join("file"), "mine").unwrap();
+    succeed(path, &["develop", "run", "-o", "new/folder/sampled.zarr"]);
+    succeed(path, &["fit", "new/folder/sampled.zarr", "--lobes", "1", "-o", "maps/of/it.exr"]);
+    assert!(path.join("maps/of/it.exr").is_file());
+    let refuse = |line: &str| {
+        let arguments: Vec<&str> = line.split(' ').collect();
+        refused(path, &arguments, 1, &["/proc/lobelia", "cannot be written"]);
+    };
+    refuse("plan rig.toml --budget 2 -o /proc/lobelia/plan.toml");
+    refuse("acquire plan.toml --rig rig.toml --port sim --camera sim -o /proc/lobelia/run");
+    refuse("develop run -o /proc/lobelia/sampled.zarr");
+    refuse("fit new/folder/sampled.zarr --lobes 1 -o /proc/lobelia/map.exr");
+    refuse("edit mean maps/of/it.exr -o /proc/lobelia/mean.exr");
+    refuse("compare run maps/of/it.exr -o /proc/lobelia/pages");
+    refuse("render studio-ball -o /proc/lobelia/picture.png");
+    refuse("prefilter studio -n 4 -o /proc/lobelia/maps");
+    refuse("chart fit -o /proc/lobelia/charts");
+    refuse("demo --size small -o /proc/lobelia/demo");
+    refuse("develop run -o sampled.zarr --report /proc/lobelia/report.json");
+    refused(path, &["develop", "run", "-o", "file"], 2, &["file", "no sampled SBRDF"]);
+    refused(path, &["render", "studio-ball", "-o", "maps/of/it.exr/x.png"], 1, &["it.exr is no folder"]);
+}
+
+#[test]
+fn a_runs_folder_that_holds_a_users_own_files_is_refused() {
+    let (folder, _) = inputs();
+    let before = folder::contents(folder.path());
+    let arguments = [&["acquire", "plan.toml", "--rig", "rig.toml", "-o", "."], &SIMULATED[..]].concat();
+    run(folder.path(), &arguments).refuses(2, &["something else than a run"]);
+    assert!(folder::contents(folder.path()) == before, "files were changed");
+}
+
+#[test]
+fn a_file_of_another_kind_and_a_number_below_0_are_named_for_what_they_are() {
+    let (folder, _) = inputs();
+    let path = folder.path();
+    let swapped = [&["acquire", "rig.toml", "--rig", "plan.toml", "-o", "run"], &SIMULATED[..]].concat();
+    refused(path, &swapped, 2, &["plan.toml: this is a plan, but a rig is needed here"]);
+    refused(path, &["plan", "plan.toml", "--budget", "2", "-o", "p.toml"], 2, &["this is a plan"]);
+    refused(
+        path,
+        &["plan", "rig.toml", "--density-deg", "-5", "-o", "p.toml"],
+        2,
+        &["--density-deg", "above 0"],
+    );
+    let null = ["rig", "status", "--port", "/dev/null", "--rig", "rig.toml"];
+    refused(path, &null, 2, &["/dev/null is no serial port"]);
+}

@@ -8,9 +8,11 @@ use std::process::Stdio;
 use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant};
 
+use lobelia::develop;
 use lobelia::plan::Plan;
 use lobelia::rig::RigClient;
 use lobelia::rig::config::{AXIS_NAMES, RigConfig};
+use lobelia_hil_sim::optics::frame::{FrameNotes, write_tiff};
 use lobelia_hil_sim::{ExposureTruth, FaultRates, SimulatedRig};
 use lobelia_protocol::{Axis, Fault};
 use lobelia_tests::command::{Said, lobelia, run};
@@ -75,6 +77,61 @@ fn a_run_over_tcp_photographs_every_pose_of_the_plan_once() {
     assert_planned(&exposures, &rig, &plan);
 }
 
+/// What cameras did to others: a shot whose photograph never comes, one that is black, one that comes with the next, the previous one
+/// again instead of a new one, a JPEG beside each.
+#[test]
+fn a_run_with_a_camera_that_loses_delays_and_repeats_photographs_ends_with_the_right_ones() {
+    let (folder, rig, plan) = inputs(5);
+    let mut held = None;
+    let mut last = Vec::new();
+    let camera = move |shot: u64, photograph: Vec<u8>| {
+        let mut files = vec![(format!("shot-{shot:04}.jpg"), b"\xff\xd8\xff\xe0\x00\x10JFIF".to_vec())];
+        let mut store = |name: &str, bytes: Vec<u8>| files.push((format!("{name}-{shot:04}.tiff"), bytes));
+        match shot {
+            3 => {}
+            5 => held = Some(photograph),
+            6 => {
+                store("late", held.take().unwrap());
+                store("shot", photograph);
+            }
+            8 => store("again", last.clone()),
+            _ => {
+                last = photograph.clone();
+                store("shot", photograph);
+            }
+        }
+        files
+    };
+    let served = ServedRig::start_with(&rig, &folder.path().join("photos"), camera);
+    let timeout = ["--camera-timeout-s", "3"];
+    let said = acquire(folder.path(), &tcp::port(served.address), &[&NEW_RUN[..], &timeout].concat());
+    assert_eq!(said.code, Some(0), "{said:?}");
+    assert_eq!(served.exposures().len(), 2 + plan.poses.len() + 3, "{said:?}");
+    let developed = develop::run(&folder.path().join("run")).unwrap();
+    assert!(developed.registrations.iter().all(Result::is_ok), "{:?}", developed.registrations);
+    let aside = fs::read_to_string(folder.path().join("run/aside/reasons.txt")).unwrap();
+    assert!(aside.contains("again-0008.tiff: it is a photograph that was delivered before"), "{aside}");
+    for part in ["try 1 of 3", "no photograph arrived within 3 s", "again-0008.tiff is put aside"] {
+        assert!(said.stderr.contains(part), "{part}: {}", said.stderr);
+    }
+}
+
+#[test]
+fn a_camera_that_never_stores_a_right_photograph_ends_the_run_with_the_reason() {
+    let (folder, rig, _) = inputs(2);
+    let small_frames = |shot: u64, _: Vec<u8>| {
+        let notes = FrameNotes { exposure_s: 0.1, f_number: 16.0, taken_s: shot };
+        let mut file = std::io::Cursor::new(Vec::new());
+        write_tiff(&mut file, 8, 6, &[shot as u16; 48], &notes).unwrap();
+        vec![(format!("{shot}.tiff"), file.into_inner())]
+    };
+    let served = ServedRig::start_with(&rig, &folder.path().join("photos"), small_frames);
+    let more = [&NEW_RUN[..], &["--camera-timeout-s", "1", "--quiet"]].concat();
+    acquire(folder.path(), &tcp::port(served.address), &more)
+        .refuses(1, &["dark-00.tiff", "3 tries", "8 × 6 pixels, rig.toml says 400 × 300"]);
+    assert_eq!(served.exposures().len(), 3);
+}
+
 #[test]
 fn a_line_that_spoils_bytes_costs_time_and_never_makes_a_wrong_move() {
     let (folder, rig, plan) = inputs(5);
@@ -114,6 +171,22 @@ fn a_cable_pulled_out_is_a_failure_that_a_resumed_run_makes_good() {
     assert_eq!(said.code, Some(0), "{said:?}");
     let frames = folder::listing(&folder.path().join("run/frames"));
     assert_eq!(frames.len(), all, "{frames:?}");
+}
+
+/// The host is gone for longer than the lease: the controller stops, dims the lamp and keeps the fault until someone clears it.
+#[test]
+fn a_run_whose_host_died_can_be_resumed_after_the_lease_and_says_what_it_cleared() {
+    let (folder, rig, plan) = inputs(4);
+    let served = ServedRig::start(&rig, &folder.path().join("photos"));
+    let line = tcp::port(tcp::breaking_line(served.address, served.has_exposed(4)));
+    acquire(folder.path(), &line, &NEW_RUN).refuses(1, &["--resume"]);
+    served.wait_until_alone();
+    served.rig.abandon_until_us(served.rig.now_us() + 10_000_000);
+    let said = acquire(folder.path(), &line, &["--resume"]);
+    assert_eq!(said.code, Some(0), "{said:?}");
+    assert!(said.stderr.contains("lease") && said.stderr.contains("cleared"), "{said:?}");
+    let developed = develop::run(&folder.path().join("run")).unwrap();
+    assert_eq!(developed.registrations.iter().filter(|found| found.is_ok()).count(), plan.poses.len());
 }
 
 /// The lease of the rigs whose hosts are killed, and the lamp's safe level.

@@ -1,10 +1,10 @@
 //! The part of the controller that has to do with light: lamp, shutter, camera.
 
-use lobelia_protocol::{Answer, Fault, Field, LampStatus, Outcome, Refusal};
+use lobelia_protocol::{Answer, EXPOSURE_US, Fault, Field, LampStatus, Outcome, Refusal};
 
 use super::{Controller, Task, Trouble};
 use crate::board::{Board, PinFailure, is_high};
-use crate::shutter::{Closed, OPEN_US, REST_US};
+use crate::shutter::{Closed, REST_US};
 
 /// The camera is looked at this often while it isn't ready, µs.
 const LOOK_EVERY_US: u64 = 1000;
@@ -16,7 +16,7 @@ impl<B: Board> Controller<B> {
         duration_us: u32,
         warm_lamp: bool,
     ) -> Result<Task, Trouble> {
-        if !OPEN_US.contains(&duration_us) {
+        if !EXPOSURE_US.contains(&duration_us) {
             return Err(Refusal::BadParameter { axis: None, field: Field::Duration }.into());
         }
         self.check_positions()?;

@@ -22,13 +22,14 @@ impl<P: OutputPin, D: SetDutyCycle> Lamp<P, D> {
         Self { switch, dimmer, on_since_us: None, level: 0 }
     }
 
-    /// Switches it. The time of warming up runs from when it was last off.
+    /// Switches it. The time of warming up runs from when it was last off or burnt at a lower level.
     pub(crate) fn switch(&mut self, now_us: u64, on: bool, level: u16) -> Result<(), PinFailure> {
         let duty = u32::from(self.dimmer.max_duty_cycle()) * u32::from(level) / u32::from(u16::MAX);
         self.dimmer.set_duty_cycle(if on { duty as u16 } else { 0 }).map_err(|_| PinFailure)?;
         set(&mut self.switch, on)?;
+        let raised = level > self.level;
         self.level = level;
-        self.on_since_us = on.then(|| self.on_since_us.unwrap_or(now_us));
+        self.on_since_us = on.then(|| self.on_since_us.filter(|_| !raised).unwrap_or(now_us));
         Ok(())
     }
 

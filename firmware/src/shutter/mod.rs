@@ -5,8 +5,6 @@ use lobelia_protocol::Exposure;
 
 use crate::board::{AnalogInput, PinFailure, set};
 
-/// Shortest and longest open time, µs.
-pub(crate) const OPEN_US: core::ops::RangeInclusive<u32> = 100..=60_000_000;
 /// Photodiode readings are this far apart, or closer in short exposures, µs.
 const READING_EVERY_US: u32 = 1000;
 /// An exposure that was open longer than asked for by more than this is refused, µs.

@@ -6,6 +6,7 @@
 
 pub mod albedo;
 pub mod colour;
+pub mod durable;
 pub mod lobe;
 pub mod map;
 mod map_exr;

@@ -1,8 +1,7 @@
 //! SBRDF maps as OpenEXR files: one named f32 channel a coefficient, text attributes for units and provenance.
 
 use std::collections::BTreeMap;
-use std::fs;
-use std::io::{Cursor, Write};
+use std::io::Cursor;
 use std::path::Path;
 
 use exr::prelude::{
@@ -11,7 +10,7 @@ use exr::prelude::{
 };
 use glam::{Vec2, Vec3};
 
-use crate::{FormatError, LobePlane, MicrofacetPlane, SbrdfMap};
+use crate::{FormatError, LobePlane, MicrofacetPlane, SbrdfMap, durable};
 
 /// Attributes that every map carries.
 const UNITS: [(&str, &str); 2] = [
@@ -72,22 +71,11 @@ pub(crate) fn write(map: &SbrdfMap, path: &Path) -> Result<(), FormatError> {
     let encoding = Encoding { line_order: LineOrder::Increasing, ..Encoding::FAST_LOSSLESS };
     let layer = Layer::new((map.width, map.height), attributes, encoding, AnyChannels::sort(channels));
 
-    let temporary = path.with_extension("exr.tmp");
     let mut bytes = Cursor::new(Vec::new());
     Image::from_layer(layer).write().to_buffered(&mut bytes).map_err(|error| exr_error(path, error))?;
     let mut bytes = bytes.into_inner();
     sort_attributes(&mut bytes);
-    let store = || -> std::io::Result<()> {
-        let mut file = fs::File::create(&temporary)?;
-        file.write_all(&bytes)?;
-        file.sync_all()?;
-        fs::rename(&temporary, path)
-    };
-    store().map_err(|error| {
-        // Best effort: the first error is the one to tell.
-        let _ = fs::remove_file(&temporary);
-        FormatError::Io(error)
-    })
+    Ok(durable::write(path, |writer| writer.write_all(&bytes))?)
 }
 
 /// Sorts the header's attributes by name: the exr crate writes them in the order of a hash map, which differs from

@@ -9,6 +9,7 @@ use std::path::{Path, PathBuf};
 use serde::{Deserialize, Serialize};
 
 use crate::error::{Error, Result};
+use crate::reflectance::durable;
 
 /// Name of the journal in a run's folder.
 pub const FILE_NAME: &str = "journal.jsonl";
@@ -104,7 +105,12 @@ impl Journal {
         let path = folder.join(FILE_NAME);
         let opened = OpenOptions::new().append(true).create(true).open(&path);
         let emptied = opened.and_then(|file| file.set_len(0).map(|()| file));
-        let file = emptied.map_err(|error| Error::writing(&path, error))?;
+        let kept = emptied.and_then(|file| {
+            file.sync_all()?;
+            durable::sync_folder(folder)?;
+            Ok(file)
+        });
+        let file = kept.map_err(|error| Error::writing(&path, error))?;
         Ok(Self { path, file })
     }
 
@@ -138,16 +144,26 @@ impl Journal {
     }
 }
 
-/// Refuses a folder whose journal holds a record.
+/// Refuses a folder whose journal holds a record, and one with files of something else, which a run would overwrite.
 ///
 /// # Errors
 /// An input error that says how to go on.
 pub fn refuse_recorded(folder: &Path) -> Result<()> {
-    if std::fs::read(folder.join(FILE_NAME)).is_ok_and(|bytes| bytes.contains(&b'\n')) {
-        let message = "a run was recorded here already; continue it with --resume or name another folder";
-        return Err(Error::input(format!("{}: {message}", folder.display())));
+    let refused = |why: &str| Err(Error::input(format!("{}: {why}", folder.display())));
+    match std::fs::read(folder.join(FILE_NAME)) {
+        Ok(bytes) if bytes.contains(&b'\n') => {
+            refused("a run was recorded here already; continue it with --resume or name another folder")
+        }
+        Ok(_) => Ok(()),
+        Err(_) => {
+            let taken = ["plan.toml", "rig.toml", "frames"].iter().any(|name| folder.join(name).exists());
+            if taken {
+                refused("holds files of something else than a run; name another folder")
+            } else {
+                Ok(())
+            }
+        }
     }
-    Ok(())
 }
 
 /// Reads the whole records of a run.

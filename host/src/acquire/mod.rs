@@ -4,23 +4,29 @@
 //! what it does not record is done again, so a pose is the unit of loss.
 
 use std::path::{Path, PathBuf};
+use std::time::Duration;
 
 use sha2::{Digest, Sha256};
 
 use crate::error::{Error, Result};
 use crate::plan::Plan;
 use crate::rig::config::RigConfig;
-use crate::{files, progress, toml_file};
+use crate::{files, progress};
 
 pub mod journal;
+mod judge;
 #[cfg(feature = "sim")]
 pub mod recipe;
 #[cfg(feature = "sim")]
 pub mod simulated;
 pub mod station;
+mod watch;
+
+/// Name of the rig's file in a run's folder.
+pub const RIG_FILE: &str = "rig.toml";
 
 use journal::{ExposureRecord, Journal, Record};
-use station::{Shot, Station};
+use station::{Shot, Station, check_interrupt};
 
 /// A run's folder, read.
 pub struct RunFolder {
@@ -51,11 +57,13 @@ impl RunFolder {
     pub fn create(path: &Path, plan: &Plan, rig: &RigConfig) -> Result<(Self, Journal)> {
         rig.validate()?;
         plan.validate(rig)?;
-        files::create_folder(&path.join("frames"))?;
+        // The journal first: a folder with one is a run's, whatever becomes of the rest.
+        files::create_folder(path)?;
         let mut journal = Journal::create(path)?;
+        files::create_folder(&path.join("frames"))?;
         let rig_text = toml::to_string(rig).map_err(|error| Error::failure(format!("rig.toml: {error}")))?;
         let plan_text = plan.to_toml()?;
-        files::write_bytes(&path.join("rig.toml"), rig_text.as_bytes())?;
+        files::write_bytes(&path.join(RIG_FILE), rig_text.as_bytes())?;
         files::write_bytes(&path.join("plan.toml"), plan_text.as_bytes())?;
         let started = Record::Started {
             lobelia: env!("CARGO_PKG_VERSION").into(),
@@ -73,7 +81,16 @@ impl RunFolder {
     /// Input errors for missing or damaged files, and for a plan or rig that was changed after the run began.
     pub fn open(path: &Path) -> Result<Self> {
         let records = journal::read(path)?;
-        Self::with_records(path, records)
+        Self::with_records(path, records, None)
+    }
+
+    /// Opens a run to read it by another rig's numbers than those that it was begun with; its own file may then have been changed.
+    ///
+    /// # Errors
+    /// As [`Self::open`].
+    pub fn open_by(path: &Path, rig: RigConfig) -> Result<Self> {
+        let records = journal::read(path)?;
+        Self::with_records(path, records, Some(rig))
     }
 
     /// Opens a run to continue it.
@@ -82,23 +99,30 @@ impl RunFolder {
     /// As [`Self::open`].
     pub fn resume(path: &Path) -> Result<(Self, Journal)> {
         let (journal, records) = Journal::resume(path)?;
-        Ok((Self::with_records(path, records)?, journal))
+        Ok((Self::with_records(path, records, None)?, journal))
     }
 
-    fn with_records(path: &Path, records: Vec<Record>) -> Result<Self> {
+    fn with_records(path: &Path, records: Vec<Record>, other: Option<RigConfig>) -> Result<Self> {
         let Some(Record::Started { plan_sha256, rig_sha256, .. }) = records.first() else {
             let message = "the run was broken off before it began; start it again without --resume";
             return Err(Error::input(format!("{}: {message}", path.display())));
         };
-        let (rig_path, plan_path) = (path.join("rig.toml"), path.join("plan.toml"));
-        let rig: RigConfig = toml_file::read(&rig_path)?;
-        rig.validate().map_err(|error| error.at(rig_path.display()))?;
-        let plan = Plan::read(&plan_path, &rig)?;
-        for (file, recorded) in [(&rig_path, rig_sha256), (&plan_path, plan_sha256)] {
-            if sha256(files::read_text(file)?.as_bytes()) != *recorded {
-                return Err(Error::input(format!("{}: changed since the run began", file.display())));
+        let unchanged = |file: &Path, recorded: &str, hint: &str| {
+            let changed = sha256(files::read_text(file)?.as_bytes()) != recorded;
+            let message = || Error::input(format!("{}: changed since the run began{hint}", file.display()));
+            if changed { Err(message()) } else { Ok(()) }
+        };
+        let (rig_path, plan_path) = (path.join(RIG_FILE), path.join("plan.toml"));
+        let rig = match other {
+            Some(rig) => rig,
+            None => {
+                let rig = RigConfig::read(&rig_path)?;
+                unchanged(&rig_path, rig_sha256, "; put it back, or let develop take it with --rig")?;
+                rig
             }
-        }
+        };
+        let plan = Plan::read(&plan_path, &rig)?;
+        unchanged(&plan_path, plan_sha256, "")?;
         Ok(Self { path: path.into(), plan, rig, records })
     }
 
@@ -123,12 +147,14 @@ pub fn run(run: &RunFolder, journal: &mut Journal, station: &mut Station) -> Res
     if run.finished() {
         return Ok(Acquired { poses: 0, controller_s: steps.last_us() as f64 * 1e-6 });
     }
-    let done = steps.all();
-    if done.is_err() {
-        // The first error is the one to tell; a link that is gone cannot be told to rest.
-        let _ = steps.station.rest();
+    if let Err(error) = steps.all() {
+        return Err(match steps.station.rest() {
+            Ok(()) => error,
+            Err(rest) => error.hint(format!(
+                "and the rig could not be brought to rest, look whether its lamp burns: {rest}"
+            )),
+        });
     }
-    done?;
     Ok(Acquired { poses: steps.taken, controller_s: steps.station.clock_us()? as f64 * 1e-6 })
 }
 
@@ -169,6 +195,11 @@ impl Steps<'_> {
 
     /// Parameters and homing.
     fn prepare(&mut self) -> Result<()> {
+        if self.station.client.forgive_lease()? {
+            progress::note(
+                "the controller had heard nothing for longer than its lease, stopped and dimmed the lamp; that fault is cleared",
+            );
+        }
         self.station.client.configure(&self.run.rig.configuration()?)?;
         if !self.station.homed()? {
             self.station.client.home()?;
@@ -186,12 +217,17 @@ impl Steps<'_> {
         }
     }
 
-    /// Frames without light, at the shortest and the longest exposure, before the lamp is switched on.
+    /// Frames without light, at the shortest and the longest exposure, before the lamp is switched on. An earlier program may have
+    /// left it burning.
     fn dark_frames(&mut self) -> Result<()> {
         let camera = &self.run.rig.camera;
         let each = self.run.rig.exposure.dark_frames.max(1);
         let times =
             [camera.min_exposure_s, camera.max_exposure_s].map(|seconds| vec![seconds; each]).concat();
+        let recorded = |record: &&Record| matches!(record, Record::Dark { .. });
+        if self.run.records.iter().filter(recorded).count() < times.len() {
+            self.station.client.lamp(false, 0.0)?;
+        }
         for (index, seconds) in times.into_iter().enumerate() {
             let is_this = |record: &Record| matches!(record, Record::Dark { index: i, .. } if *i == index);
             if let Some(record) = self.recorded(is_this) {
@@ -200,12 +236,33 @@ impl Steps<'_> {
                 continue;
             }
             let file = format!("frames/dark-{index:02}.tiff");
-            let shot = Shot { open_s: seconds, warm_lamp: false, key: [0, index as u64, 0] };
-            let exposure = self.photograph(&file, &shot)?;
+            let shot = Shot { open_s: seconds, warm_lamp: false, angles: None, key: [0, index as u64, 0] };
+            let exposure = self.dark_frame(index, &file, &shot)?;
             let controller_us = self.station.clock_us()?;
             self.journal.append(&Record::Dark { index, exposure, controller_us })?;
         }
         Ok(())
+    }
+
+    /// One frame without light. A lamp that glows on after it was switched off gets some time.
+    fn dark_frame(&mut self, index: usize, file: &str, shot: &Shot) -> Result<ExposureRecord> {
+        const AFTERGLOW: Duration = Duration::from_secs(60);
+        const LOOK_AGAIN: Duration = Duration::from_secs(5);
+        let mut waited = Duration::ZERO;
+        loop {
+            let exposure = self.photograph(file, shot)?;
+            let Some(light) = self.run.rig.lamp.lit(exposure.lamp_reading) else { return Ok(exposure) };
+            if waited >= AFTERGLOW {
+                let message = format!(
+                    "dark frame {index}: the lamp is switched off, but its photodiode reads {light:.3} of the warm lamp's light; \
+                     look at the lamp and its switch, and keep other light from the photodiode"
+                );
+                return Err(Error::failure(message));
+            }
+            self.station.client.pause(LOOK_AGAIN)?;
+            check_interrupt()?;
+            waited += LOOK_AGAIN;
+        }
     }
 
     fn warm_up(&mut self) -> Result<()> {
@@ -245,7 +302,7 @@ impl Steps<'_> {
         let count = self.run.plan.poses.len();
         let bar = progress::bar("acquiring", (count - first) as u64, "poses");
         for index in first..count {
-            self.station.check_interrupt()?;
+            check_interrupt()?;
             self.pose(index).map_err(|error| error.at(format!("pose {index}")))?;
             self.taken += 1;
             bar.advance(1);
@@ -259,7 +316,8 @@ impl Steps<'_> {
         let mut exposures = Vec::with_capacity(pose.exposures_s.len());
         for (number, &open_s) in pose.exposures_s.iter().enumerate() {
             let file = format!("frames/pose-{index:05}-{number}.tiff");
-            let shot = Shot { open_s, warm_lamp: true, key: [1, index as u64, number as u64] };
+            let angles = Some(self.run.plan.angles(index));
+            let shot = Shot { open_s, warm_lamp: true, angles, key: [1, index as u64, number as u64] };
             exposures.push(self.photograph(&file, &shot)?);
         }
         let controller_us = self.station.clock_us()?;
@@ -267,7 +325,7 @@ impl Steps<'_> {
     }
 
     fn photograph(&mut self, file: &str, shot: &Shot) -> Result<ExposureRecord> {
-        let exposure = self.station.photograph(&self.run.path.join(file), shot)?;
+        let exposure = self.station.photograph(&self.run.rig, &self.run.path.join(file), shot)?;
         Ok(ExposureRecord {
             file: file.into(),
             open_s: f64::from(exposure.open_us) * 1e-6,

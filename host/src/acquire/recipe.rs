@@ -105,7 +105,7 @@ impl Recipe {
     /// # Errors
     /// Input errors naming file, key and material.
     pub fn read(path: &Path, carrier: &Carrier) -> Result<SampleLayout> {
-        let recipe: Self = toml_file::read(path)?;
+        let recipe: Self = toml_file::read_as(path, toml_file::Kind::Material)?;
         let folder = path.parent().unwrap_or(Path::new("."));
         recipe.layout(folder, carrier).map_err(|error| error.at(path.display()))
     }
@@ -115,7 +115,7 @@ impl Recipe {
     /// # Errors
     /// Input errors naming file and key.
     pub fn load(path: &Path) -> Result<Self> {
-        let mut recipe: Self = toml_file::read(path)?;
+        let mut recipe: Self = toml_file::read_as(path, toml_file::Kind::Material)?;
         let path = std::path::absolute(path).map_err(|error| Error::reading(path, error))?;
         let folder = path.parent().unwrap_or(Path::new("."));
         let name = |file: &str| folder.join(file).to_string_lossy().into_owned();

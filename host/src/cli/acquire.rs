@@ -10,13 +10,11 @@ use crate::acquire::journal;
 use crate::acquire::station::{self, Camera, Station, WatchedFolder};
 use crate::acquire::{self, RunFolder};
 use crate::error::{Error, Result};
-#[cfg(feature = "sim")]
 use crate::files;
 use crate::plan::Plan;
 use crate::rig::config::RigConfig;
 use crate::rig::trace::Recorder;
 use crate::rig::{RigClient, open_port};
-use crate::toml_file;
 
 /// Arguments of `lobelia acquire`.
 #[derive(Debug, Args)]
@@ -52,6 +50,7 @@ pub(super) struct AcquireArgs {
 
 /// Runs `lobelia acquire`.
 pub(super) fn run(args: &AcquireArgs, context: &mut Context) -> Result<()> {
+    files::try_folder(&args.output)?;
     // A new run's folder is laid out last: a rig that does not answer leaves nothing behind.
     let (run, mut journal, mut station) = if args.resume {
         let (run, journal) = RunFolder::resume(&args.output)?;
@@ -89,8 +88,7 @@ fn read_inputs(args: &AcquireArgs, context: &mut Context) -> Result<(Plan, RigCo
     let missing = || Error::input("a plan and --rig are needed for a new run");
     let rig_path = args.rig.as_ref().ok_or_else(missing)?;
     let plan_path = args.plan.as_ref().ok_or_else(missing)?;
-    let mut rig: RigConfig = toml_file::read(rig_path)?;
-    rig.validate().map_err(|error| error.at(rig_path.display()))?;
+    let mut rig = RigConfig::read(rig_path)?;
     if let Some(seed) = context.given_seed {
         rig.simulator.seed = seed;
     }

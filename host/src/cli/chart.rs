@@ -7,9 +7,9 @@ use clap::{Args, Subcommand};
 use super::Context;
 use crate::chart;
 use crate::error::Result;
+use crate::files;
 use crate::rig::config::RigConfig;
 use crate::scene::{Scene, shipped};
-use crate::toml_file;
 
 /// Arguments of `lobelia chart`.
 #[derive(Debug, Args)]
@@ -73,6 +73,7 @@ enum What {
 
 /// Runs `lobelia chart`.
 pub(super) fn run(args: &ChartArgs, context: &mut Context) -> Result<()> {
+    files::try_folder(&args.output)?;
     let seed = context.seed;
     let chart = match &args.what {
         What::Fit => context.report.stage("chart", || chart::fit::chart(seed))?,
@@ -82,7 +83,7 @@ pub(super) fn run(args: &ChartArgs, context: &mut Context) -> Result<()> {
             let config = match rig {
                 Some(path) => {
                     context.report.input(path);
-                    toml_file::read(path)?
+                    RigConfig::read(path)?
                 }
                 None => RigConfig::default(),
             };

@@ -7,6 +7,7 @@ use clap::Args;
 use super::Context;
 use crate::compare;
 use crate::error::{Error, Result};
+use crate::files;
 use crate::fit::figures::ErrorFigure;
 use crate::reflectance::SbrdfMap;
 
@@ -31,6 +32,7 @@ pub(super) struct CompareArgs {
 
 /// Runs `lobelia compare`.
 pub(super) fn run(args: &CompareArgs, context: &mut Context) -> Result<()> {
+    files::try_folder(&args.output)?;
     context.report.input(&args.material);
     let map = SbrdfMap::read_exr(&args.material).map_err(|error| Error::reading(&args.material, error))?;
     let (compared, chart) = context.report.stage("compare", || compare::run(&args.run, &map, &args.pose))?;

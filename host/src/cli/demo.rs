@@ -7,6 +7,7 @@ use clap::Args;
 use super::Context;
 use crate::demo::{self, DemoOutcome, FitOutcome, Settings, Size, page, pictures, truth};
 use crate::error::{Error, Result};
+use crate::files;
 use crate::report::Report;
 
 /// Arguments of `lobelia demo`.
@@ -49,6 +50,7 @@ pub(super) fn run(args: &DemoArgs, context: &mut Context) -> Result<()> {
     // Before an earlier demo is removed.
     settings.check()?;
     args.material.iter().for_each(|path| context.report.input(path));
+    files::try_folder(&args.out)?;
     clear(&args.out)?;
     let outcome = demo::run(&args.out, &settings, &mut context.report)?;
     let result = outcome.fits.last().ok_or_else(|| Error::failure("the demo made no fit"))?;
@@ -103,10 +105,11 @@ fn of_materials(outcome: &DemoOutcome, fit: &FitOutcome) -> String {
     format!(" ({})", percent.collect::<Vec<_>>().join(", "))
 }
 
-/// The file by which a folder is known to be a demo's, whose content may be replaced.
+/// The file by which a folder is known to be a demo's, whose run may be replaced.
 const MARKER: &str = ".lobelia-demo";
 
-/// Empties the folder of an earlier demo; refuses a folder that is something else.
+/// Removes the run of an earlier demo from its folder, and nothing else: other results are replaced as they are written. Refuses a
+/// folder that is something else.
 fn clear(folder: &Path) -> Result<()> {
     let empty = || std::fs::read_dir(folder).is_ok_and(|mut entries| entries.next().is_none());
     if folder.exists() && !empty() {
@@ -114,24 +117,28 @@ fn clear(folder: &Path) -> Result<()> {
             let message = "not empty and no earlier demo; name another folder with --out";
             return Err(Error::input(format!("{}: {message}", folder.display())));
         }
-        empty_folder(folder).map_err(|error| Error::writing(folder, error))?;
+        let run = folder.join("run");
+        if run.exists() {
+            std::fs::remove_dir_all(&run).map_err(|error| Error::writing(&run, error))?;
+        }
     }
-    crate::files::create_folder(folder)?;
-    crate::files::write_bytes(&folder.join(MARKER), b"")
+    files::create_folder(folder)?;
+    files::write_bytes(&folder.join(MARKER), b"")
 }
 
-/// Removes what is in a folder, the marker last, so that a killed removal can be repeated.
-fn empty_folder(folder: &Path) -> std::io::Result<()> {
-    for entry in std::fs::read_dir(folder)? {
-        let entry = entry?;
-        if entry.file_name() == MARKER {
-            continue;
-        }
-        if entry.file_type()?.is_dir() {
-            std::fs::remove_dir_all(entry.path())?;
-        } else {
-            std::fs::remove_file(entry.path())?;
-        }
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_earlier_demos_run_is_removed_and_a_users_own_files_beside_it_are_not() {
+        let folder = tempfile::tempdir().unwrap();
+        let own = folder.path().join("notes.txt");
+        std::fs::write(&own, "mine").unwrap();
+        assert_eq!(clear(folder.path()).unwrap_err().exit_code(), 2);
+        files::write_bytes(&folder.path().join(MARKER), b"").unwrap();
+        files::write_bytes(&folder.path().join("run/journal.jsonl"), b"{}\n").unwrap();
+        clear(folder.path()).unwrap();
+        assert!(!folder.path().join("run").exists() && own.is_file());
     }
-    std::fs::remove_file(folder.join(MARKER))
 }

@@ -1,15 +1,18 @@
 //! `lobelia develop`: a run's photographs to a sampled SBRDF.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
+use std::str::FromStr;
 
 use clap::Args;
 
 use super::Context;
-use crate::acquire::journal;
-use crate::develop;
-use crate::error::Result;
+use crate::acquire::{RIG_FILE, RunFolder, journal};
+use crate::develop::{self, Developed, Options};
+use crate::error::{Error, Result};
+use crate::files;
 use crate::fit::figures::ErrorFigure;
-use crate::sampled::SampledSbrdf;
+use crate::rig::config::RigConfig;
+use crate::sampled::{Attributes, SampledSbrdf, Window};
 
 /// Arguments of `lobelia develop`.
 #[derive(Debug, Args)]
@@ -19,13 +22,93 @@ pub(super) struct DevelopArgs {
     /// Zarr store to write
     #[arg(short, long, default_value = "sampled.zarr")]
     output: PathBuf,
+    /// Another rig to develop by, as after a calibration; the store keeps it beside the run's own
+    #[arg(long, value_name = "RIG.toml")]
+    rig: Option<PathBuf>,
+    /// Sets a key of the rig to develop by, as `carrier.texels_across=64`, `camera.focal_px=[4100, 4100]`, `camera.read_noise_e=4`
+    #[arg(long, value_name = "KEY=VALUE")]
+    set: Vec<String>,
+    /// Develops a part of the sample: first column and row of texels, columns, rows
+    #[arg(long, value_name = "X,Y,WIDTH,HEIGHT")]
+    region: Option<Region>,
+    /// Develops what is there of a run that is not finished, and leaves frames out that are damaged
+    #[arg(long)]
+    partial: bool,
+    /// Leaves poses out, as `3,7-9`
+    #[arg(long, value_name = "POSES", value_delimiter = ',')]
+    skip_pose: Vec<Poses>,
+}
+
+/// Columns and rows of texels.
+#[derive(Debug, Clone, Copy)]
+struct Region([usize; 4]);
+
+impl FromStr for Region {
+    type Err = String;
+
+    fn from_str(text: &str) -> std::result::Result<Self, String> {
+        let numbers: std::result::Result<Vec<u16>, _> =
+            text.split(',').map(|part| part.trim().parse()).collect();
+        match numbers.ok().and_then(|numbers| <[u16; 4]>::try_from(numbers).ok()) {
+            Some(numbers) => Ok(Self(numbers.map(usize::from))),
+            None => Err("must be four whole numbers: first column, first row, columns, rows".into()),
+        }
+    }
+}
+
+/// One pose, or some that follow each other.
+#[derive(Debug, Clone)]
+struct Poses(std::ops::RangeInclusive<usize>);
+
+impl FromStr for Poses {
+    type Err = String;
+
+    fn from_str(text: &str) -> std::result::Result<Self, String> {
+        let (first, last) = text.split_once('-').unwrap_or((text, text));
+        match (first.trim().parse::<u16>(), last.trim().parse::<u16>()) {
+            (Ok(first), Ok(last)) if first <= last => Ok(Self(first.into()..=last.into())),
+            _ => Err("must be the number of a pose, counted from 0, or two as in 7-9".into()),
+        }
+    }
+}
+
+impl DevelopArgs {
+    /// What to develop otherwise than the run says, and what the store says of that.
+    fn options(&self) -> Result<(Options, Attributes)> {
+        let own = self.run.join(RIG_FILE);
+        let rig = match (&self.rig, self.set.is_empty()) {
+            (None, true) => None,
+            (None, false) => Some(RunFolder::open(&self.run)?.rig.with_settings(&self.set)?),
+            (Some(other), _) => Some(RigConfig::read(other)?.with_settings(&self.set)?),
+        };
+        let mut texts = Attributes::new();
+        if let Some(rig) = &rig {
+            let text = toml::to_string(rig).map_err(|error| Error::failure(format!("the rig: {error}")))?;
+            texts.insert("developed_by_rig_toml".into(), text);
+            texts.insert("run_rig_toml".into(), files::read_text(&own)?);
+        }
+        let region =
+            self.region.map(|Region([x, y, width, height])| Window { x: x..x + width, y: y..y + height });
+        let skip = self.skip_pose.iter().flat_map(|poses| poses.0.clone()).collect();
+        Ok((Options { rig, partial: self.partial, skip, region }, texts))
+    }
 }
 
 /// Runs `lobelia develop`.
 pub(super) fn run(args: &DevelopArgs, context: &mut Context) -> Result<()> {
     SampledSbrdf::may_write_zarr(&args.output)?;
     context.report.input(&args.run.join(journal::FILE_NAME));
-    let developed = context.report.stage("develop", || develop::run(&args.run))?;
+    args.rig.iter().for_each(|path| context.report.input(path));
+    let (options, texts) = args.options()?;
+    let developed = context.report.stage("develop", || develop::run_with(&args.run, &options))?;
+    tell(&developed, context);
+    context.report.stage("write", || developed.sampled.write_zarr_with(&args.output, &texts))?;
+    sum_up(&developed, &args.output, context);
+    Ok(())
+}
+
+/// Says what was left out, and why.
+fn tell(developed: &Developed, context: &Context) {
     for (index, registration) in developed.registrations.iter().enumerate() {
         match registration {
             Err(why) => context.note(format!("pose {index} is left out: {why}")),
@@ -35,7 +118,11 @@ pub(super) fn run(args: &DevelopArgs, context: &mut Context) -> Result<()> {
             )),
         }
     }
-    context.report.stage("write", || developed.sampled.write_zarr(&args.output))?;
+    developed.left_out.iter().for_each(|why| context.note(format!("a frame is left out: {why}")));
+    developed.common_fault.iter().for_each(|fault| context.note(fault));
+}
+
+fn sum_up(developed: &Developed, output: &Path, context: &mut Context) {
     let kept: Vec<_> = developed.registrations.iter().flatten().collect();
     let rms = (kept.iter().map(|r| r.residual_mm.powi(2)).sum::<f64>() / kept.len() as f64).sqrt();
     let over = format!("tag corners of {} poses, against the homography", kept.len());
@@ -44,11 +131,10 @@ pub(super) fn run(args: &DevelopArgs, context: &mut Context) -> Result<()> {
     context.report.figure("poses_registered", kept.len());
     println!(
         "{}: {} × {} texels, {} of {} poses registered, tags fit to {rms:.3} mm RMS",
-        args.output.display(),
+        output.display(),
         developed.sampled.width,
         developed.sampled.height,
         kept.len(),
         developed.registrations.len()
     );
-    Ok(())
 }

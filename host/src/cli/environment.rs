@@ -80,6 +80,7 @@ pub(super) struct PrefilterArgs {
 
 /// Runs `lobelia prefilter`.
 pub(super) fn run(args: &PrefilterArgs, context: &mut Context) -> Result<()> {
+    files::try_folder(&args.output)?;
     let environment = open(&args.environment)?;
     if args.environment.exists() {
         context.report.input(&args.environment);

@@ -11,6 +11,7 @@ use clap::{Args, ValueEnum};
 use rayon::prelude::*;
 
 use crate::error::{Error, Result};
+use crate::files;
 use crate::fit::chunks::{self, Part};
 use crate::fit::extensions::{Extensions, Microfacets};
 use crate::fit::figures::ErrorFigure;
@@ -287,6 +288,7 @@ pub(super) fn run(args: &FitArgs, context: &mut super::Context) -> Result<()> {
 /// # Errors
 /// Input errors for files and options that make no sense; failures of the disk.
 fn fit_input(args: &FitArgs, seed: u64) -> Result<FitOutcome> {
+    args.output.iter().try_for_each(|output| files::try_file(output))?;
     if let Some(output) = &args.output
         && output.extension().is_none_or(|extension| extension != "exr")
     {
@@ -314,6 +316,20 @@ fn output(args: &FitArgs) -> Result<&Path> {
     args.output.as_deref().ok_or_else(|| Error::input(message))
 }
 
+/// On Ctrl-C says what is kept and how to go on, and ends. Writing is atomic, so nothing half-written is left in a map's place.
+fn say_when_interrupted(part: bool) {
+    let hint = if part {
+        "this part is not written; the same command does it again, and parts that are done are kept"
+    } else {
+        "nothing is written; the same command begins again, and one in parts (--chunks 1/8 to 8/8, then --merge) keeps those that are done"
+    };
+    // A second handler in one process is refused; the first one serves.
+    let _ = ctrlc::set_handler(move || {
+        eprintln!("lobelia: the fit was interrupted: {hint}");
+        std::process::exit(1);
+    });
+}
+
 fn fit_sampled(args: &FitArgs, input: &Path) -> Result<FitOutcome> {
     let output = output(args)?;
     let mut options = sampled_options(args)?;
@@ -323,6 +339,7 @@ fn fit_sampled(args: &FitArgs, input: &Path) -> Result<FitOutcome> {
         ));
     }
     let store = SampledStore::open(input)?;
+    say_when_interrupted(args.chunks.is_some());
     args.weigh(&mut options, &store);
     if let Some(part) = args.chunks {
         return parts::fit(&store, &options, part, output);

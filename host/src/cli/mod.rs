@@ -3,11 +3,11 @@
 use std::path::PathBuf;
 use std::process::ExitCode;
 
-use clap::{Args, CommandFactory, Parser, Subcommand};
+use clap::{Args, CommandFactory, FromArgMatches, Parser, Subcommand};
 
 use crate::error::{Error, Result};
-use crate::progress;
 use crate::report::Report;
+use crate::{files, progress};
 
 mod acquire;
 mod chart;
@@ -149,7 +149,8 @@ impl Context {
 
 /// Runs the command line and gives the process's exit code: 0, 2 for bad input, 1 for a failure.
 pub fn main() -> ExitCode {
-    let cli = Cli::parse();
+    let matches = negative_numbers(Cli::command()).get_matches();
+    let cli = Cli::from_arg_matches(&matches).unwrap_or_else(|error| error.exit());
     match run(cli) {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
@@ -157,6 +158,16 @@ pub fn main() -> ExitCode {
             ExitCode::from(error.exit_code())
         }
     }
+}
+
+/// Lets every option that takes a value take a number below 0, so that the option's own check says what is wrong with it, not the
+/// grammar.
+fn negative_numbers(command: clap::Command) -> clap::Command {
+    let command = command.mut_args(|arg| {
+        let takes_value = arg.get_action().takes_values();
+        if takes_value { arg.allow_negative_numbers(true) } else { arg }
+    });
+    command.mut_subcommands(negative_numbers)
 }
 
 fn run(cli: Cli) -> Result<()> {
@@ -171,6 +182,7 @@ fn run(cli: Cli) -> Result<()> {
             .map_err(|error| Error::failure(format!("{threads} threads cannot be started: {error}")))?;
     }
     let Global { seed: given_seed, quiet, verbose, report, .. } = cli.global;
+    report.iter().try_for_each(|path| files::try_file(path))?;
     let seed = given_seed.unwrap_or(1);
     let report_of_run = Report::new(cli.command.name(), seed);
     let mut context = Context { seed, given_seed, quiet, verbose, report: report_of_run };
@@ -210,6 +222,16 @@ mod tests {
 
     #[test]
     fn the_command_line_is_consistent() {
-        Cli::command().debug_assert();
+        negative_numbers(Cli::command()).debug_assert();
+    }
+
+    #[test]
+    fn numbers_below_0_are_values_and_no_options() {
+        let parsed = |line: &str| {
+            let matches = negative_numbers(Cli::command()).try_get_matches_from(line.split(' ')).unwrap();
+            Cli::from_arg_matches(&matches).unwrap().command
+        };
+        assert!(matches!(parsed("lobelia plan rig.toml --density-deg -5"), Command::Plan(_)));
+        assert!(matches!(parsed("lobelia rig move --port sim --pan-deg -30"), Command::Rig(_)));
     }
 }

@@ -6,9 +6,9 @@ use clap::Args;
 
 use super::Context;
 use crate::error::Result;
+use crate::files;
 use crate::plan::{self, Extent, order};
 use crate::rig::config::RigConfig;
-use crate::toml_file;
 
 /// Arguments of `lobelia plan`.
 #[derive(Debug, Args)]
@@ -52,8 +52,8 @@ impl ExtentArgs {
 
 /// Runs `lobelia plan`.
 pub(super) fn run(args: &PlanArgs, context: &mut Context) -> Result<()> {
-    let rig: RigConfig = toml_file::read(&args.rig)?;
-    rig.validate().map_err(|error| error.at(args.rig.display()))?;
+    files::try_file(&args.output)?;
+    let rig = RigConfig::read(&args.rig)?;
     context.report.input(&args.rig);
     let seed = context.seed;
     let extent = args.extent.extent();

@@ -7,6 +7,7 @@ use super::Context;
 use super::environment::EnvironmentArgs;
 use crate::chart::Table;
 use crate::error::{Error, Result};
+use crate::files;
 use crate::fit::figures::ErrorFigure;
 use crate::render::choose::{Model, Tried, taken};
 use crate::render::compare::{Errors, compare};
@@ -247,6 +248,7 @@ fn render_scene(args: &RenderArgs, seed: u64) -> Result<RenderOutcome> {
     {
         return Err(Error::input(format!("{}: a variance image's name ends in .exr", path.display())));
     }
+    args.output.iter().chain(&args.variance).try_for_each(|path| files::try_file(path))?;
     let settings = render::Settings {
         reference: args.settings(seed),
         lights: args.lights()?,

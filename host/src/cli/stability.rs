@@ -7,6 +7,7 @@ use clap::{Args, Subcommand};
 use super::Context;
 use crate::chart::stability;
 use crate::error::Result;
+use crate::files;
 
 /// Arguments of `lobelia stability`.
 #[derive(Debug, Args)]
@@ -27,6 +28,7 @@ enum What {
 
 /// Runs `lobelia stability`.
 pub(super) fn run(args: &StabilityArgs, context: &mut Context) -> Result<()> {
+    files::try_folder(&args.output)?;
     let seed = context.seed;
     let chart = match args.what {
         What::Fit => context.report.stage("stability", || stability::fit(seed))?,

@@ -63,7 +63,7 @@ const MATERIAL_HEADING: &str = "\
 ";
 
 /// What the keys of a rig mean that do not say so themselves.
-const COMMENTS: [(&str, &str); 30] = [
+const COMMENTS: [(&str, &str); 31] = [
     ("home_deg", "angle of the home switch's edge, below min_deg"),
     ("take_up_deg", "overshoot that takes up the backlash: every position is approached from below"),
     ("settle_s", "rest after a move before the rig counts as still"),
@@ -92,6 +92,10 @@ const COMMENTS: [(&str, &str); 30] = [
     ("safe_level", "of the lamp, 0 to 1, when the controller no longer hears its host"),
     ("texels_across", "the sample's width; rows follow from its height"),
     ("tag_size_mm", "outer edge of a tag's black border (family 36h11)"),
+    (
+        "exif",
+        "how far a frame's EXIF exposure must be the controller's: \"nominal\" (a third of a stop), \"exact\", \"ignore\"",
+    ),
     ("count", "exposures a pose, 1 to 3"),
     ("darkest_reflectance", "1/sr that the longest exposure should still resolve"),
     ("brightest_reflectance", "1/sr that the shortest exposure must not clip"),

@@ -51,6 +51,11 @@ impl Homography {
         Some(Self { matrix: from_image * as_matrix(&h) * into_plane })
     }
 
+    /// The matrix that takes (x, y, 1), mm, to normalised image coordinates times their depth, up to a factor.
+    pub(super) fn matrix(&self) -> DMat3 {
+        self.matrix
+    }
+
     /// Normalised image coordinates of a point of the plane, mm.
     pub fn apply(&self, plane_mm: DVec2) -> DVec2 {
         project(self.matrix, plane_mm)

@@ -1,6 +1,8 @@
 //! Photographs to reflectance: brackets to radiance, registration by fiducials, resampling to texels, (3.9) and (3.10).
 
+use std::collections::BTreeSet;
 use std::path::Path;
+use std::sync::{Mutex, PoisonError};
 
 use glam::{DVec2, DVec3, Vec3Swizzles};
 use half::f16;
@@ -12,7 +14,7 @@ use crate::error::{Error, Result};
 use crate::progress;
 use crate::rig::config::RigConfig;
 use crate::rig::geometry::pose_geometry;
-use crate::sampled::{PoseGeometry, SampledSbrdf, texel_position_mm};
+use crate::sampled::{PoseGeometry, SampledSbrdf, Window, texel_position_mm};
 
 pub mod camera;
 pub mod fiducials;
@@ -23,9 +25,12 @@ pub mod radiance;
 pub mod reflectance;
 pub mod registration;
 pub mod resample;
+pub mod seen;
+mod shifted;
 
+use frame::RawFrame;
 use radiance::{BracketedFrame, DarkSignal, MosaicRadiance};
-use registration::Registration;
+use registration::{Registration, Unregistered};
 use resample::BayerPlanes;
 
 /// A developed run.
@@ -33,11 +38,15 @@ pub struct Developed {
     /// The reflectance of every texel at every pose.
     pub sampled: SampledSbrdf,
     /// How each pose was registered, or why it was rejected.
-    pub registrations: Vec<std::result::Result<Registration, String>>,
+    pub registrations: Vec<std::result::Result<Registration, Unregistered>>,
+    /// What the rejected poses have in common, if that tells what went wrong.
+    pub common_fault: Option<String>,
+    /// Frames that were left out because they are damaged, and why.
+    pub left_out: Vec<String>,
 }
 
 /// One developed pose: its geometry, its registration and its texels.
-pub(crate) type DevelopedPose = (PoseGeometry, std::result::Result<Registration, String>, PoseTexels);
+pub(crate) type DevelopedPose = (PoseGeometry, std::result::Result<Registration, Unregistered>, PoseTexels);
 
 /// What one pose says of every texel, [y, x, rgb].
 pub(crate) struct PoseTexels {
@@ -47,13 +56,34 @@ pub(crate) struct PoseTexels {
     sigma: Vec<f16>,
 }
 
+/// What to develop otherwise than a run's own files say.
+#[derive(Debug, Clone, Default)]
+pub struct Options {
+    /// The rig to develop by, instead of the run's own.
+    pub rig: Option<RigConfig>,
+    /// Develops what is there of a run that is not finished, and leaves damaged frames out.
+    pub partial: bool,
+    /// Poses to leave out.
+    pub skip: BTreeSet<usize>,
+    /// The texels to develop, instead of all.
+    pub region: Option<Window>,
+}
+
 /// Develops a complete run. Poses whose photographs cannot be registered get weight 0 and no samples.
 ///
 /// # Errors
 /// Input errors for missing, truncated or mismatched frames, naming pose and file; for an unfinished run; and when no
 /// pose at all can be registered.
 pub fn run(folder: &Path) -> Result<Developed> {
-    let photographs = Photographs::open(folder)?;
+    run_with(folder, &Options::default())
+}
+
+/// Develops a run otherwise than its own files say. Poses that are left out get weight 0 and no samples, so that all keep their numbers.
+///
+/// # Errors
+/// As [`run`], but for what the options allow.
+pub fn run_with(folder: &Path, options: &Options) -> Result<Developed> {
+    let photographs = Photographs::open_with(folder, options)?;
     let config = &photographs.run.rig;
     if config.carrier.cylinder_radius_mm.is_some() {
         let message = "the sample is bent over a cylinder (rig.toml: carrier.cylinder_radius_mm), only a flat one can be developed";
@@ -72,20 +102,32 @@ pub fn run(folder: &Path) -> Result<Developed> {
         .collect::<Result<Vec<DevelopedPose>>>()?;
     drop(bar);
 
-    let sampled = assembled(config, &developed);
-    let registrations: Vec<_> = developed.into_iter().map(|(_, registration, _)| registration).collect();
+    let sampled = assembled_part(config, &photographs.texels, &developed);
+    let mut registrations: Vec<_> = developed.into_iter().map(|(_, registration, _)| registration).collect();
+    let common_fault = shifted::explain(&photographs.run, &mut registrations)?;
     if let Some(why) = registrations.iter().all(|r| r.is_err()).then(|| registrations.first()).flatten() {
-        let reason = why.as_ref().err().map_or("", String::as_str);
+        let reason = why.as_ref().err().map_or("", |unregistered| &unregistered.why);
         return Err(Error::input(format!("no pose could be registered; pose 0: {reason}")));
     }
-    Ok(Developed { sampled, registrations })
+    Ok(Developed { sampled, registrations, common_fault, left_out: photographs.left_out() })
 }
 
 /// The poses as a sampled SBRDF.
 pub(crate) fn assembled(config: &RigConfig, poses: &[DevelopedPose]) -> SampledSbrdf {
-    let (width, height) = (config.carrier.texels_across, config.carrier.texels_down());
+    assembled_part(config, &whole(config), poses)
+}
+
+/// All texels of a sample.
+fn whole(config: &RigConfig) -> Window {
+    Window { x: 0..config.carrier.texels_across, y: 0..config.carrier.texels_down() }
+}
+
+/// The poses, of which some texels were developed, as a sampled SBRDF.
+fn assembled_part(config: &RigConfig, texels: &Window, poses: &[DevelopedPose]) -> SampledSbrdf {
+    let (width, height) = (texels.x.len(), texels.y.len());
     let geometries = poses.iter().map(|(geometry, _, _)| *geometry).collect();
     let mut sampled = SampledSbrdf::empty(width, height, config.carrier.texel_mm(), geometries);
+    sampled.offset_texels = texels.offset([config.carrier.texels_across, config.carrier.texels_down()]);
     sampled.reflectance = by_texel(poses, width * height, |texels| &texels.reflectance);
     sampled.sigma = Some(by_texel(poses, width * height, |texels| &texels.sigma));
     sampled
@@ -106,17 +148,22 @@ fn by_texel<T: Copy + Send + Sync + Default>(
     all
 }
 
-/// The photographs of a complete run.
+/// The photographs of a run.
 pub struct Photographs {
     /// The run.
     pub run: RunFolder,
     dark: DarkSignal,
-    /// The exposures of every pose.
-    exposures: Vec<Vec<ExposureRecord>>,
+    /// The exposures of every pose, or why it is left out.
+    exposures: Vec<std::result::Result<Vec<ExposureRecord>, String>>,
+    /// The texels to develop.
+    texels: Window,
+    partial: bool,
+    /// Damaged frames, and why each is left out.
+    damaged: Mutex<Vec<String>>,
 }
 
 /// What a pose's photographs show, and how they lie on the sample or why that can't be told.
-pub type Photographed = (MosaicRadiance, std::result::Result<Registration, String>);
+pub type Photographed = (MosaicRadiance, std::result::Result<Registration, Unregistered>);
 
 impl Photographs {
     /// Opens a complete run.
@@ -124,10 +171,34 @@ impl Photographs {
     /// # Errors
     /// As [`run`], but for the frames of poses.
     pub fn open(folder: &Path) -> Result<Self> {
-        let run = RunFolder::open(folder)?;
-        let dark = dark_signal(&run)?;
-        let exposures = recorded_poses(&run)?;
-        Ok(Self { run, dark, exposures })
+        Self::open_with(folder, &Options::default())
+    }
+
+    /// Opens a run to develop it otherwise than its own files say.
+    ///
+    /// # Errors
+    /// As [`run_with`], but for the frames of poses.
+    pub fn open_with(folder: &Path, options: &Options) -> Result<Self> {
+        let run = match &options.rig {
+            Some(rig) => RunFolder::open_by(folder, rig.clone())?,
+            None => RunFolder::open(folder)?,
+        };
+        let texels = options.region.clone().unwrap_or_else(|| whole(&run.rig));
+        let all = whole(&run.rig);
+        if texels.texels() == 0 || texels.x.end > all.x.end || texels.y.end > all.y.end {
+            let message = format!("the region holds no texels of {} × {}", all.x.end, all.y.end);
+            return Err(Error::input(message));
+        }
+        let (dark, damaged) = dark_signal(&run, options.partial)?;
+        let exposures = recorded_poses(&run, options)?;
+        Ok(Self { run, dark, exposures, texels, partial: options.partial, damaged: Mutex::new(damaged) })
+    }
+
+    /// Damaged frames so far, and why each is left out, in order.
+    fn left_out(&self) -> Vec<String> {
+        let mut sentences = self.damaged.lock().unwrap_or_else(PoisonError::into_inner).clone();
+        sentences.sort();
+        sentences
     }
 
     /// Number of poses.
@@ -140,10 +211,53 @@ impl Photographs {
     /// # Errors
     /// As [`run`] for the frames of this pose.
     pub fn pose(&self, index: usize) -> Result<Photographed> {
-        let mosaic = pose_radiance(&self.run, &self.exposures[index], &self.dark)
-            .map_err(|error| error.at(format!("pose {index}")))?;
-        let registration = registration::register(&self.run.rig, &mosaic, &self.run.plan.angles(index));
+        let exposures = match &self.exposures[index] {
+            Ok(exposures) => exposures,
+            Err(why) => return Ok(nothing(why.clone())),
+        };
+        let at = |error: Error| error.at(format!("pose {index}"));
+        let (exposures, bracket) = self.bracket(index, exposures)?;
+        if bracket.is_empty() && self.partial {
+            return Ok(nothing("none of its frames can be read".into()));
+        }
+        let camera = &self.run.rig.camera;
+        let mosaic = radiance::merge(camera, &self.dark, &bracket).map_err(at)?;
+        let registration = match radiance::contradiction(camera, &self.dark, &bracket) {
+            Some((first, second)) => Err(format!(
+                "{} and {} do not show the same, so one of them is another pose's or has another exposure than it says",
+                exposures[first].file, exposures[second].file
+            )
+            .into()),
+            None => registration::register(&self.run.rig, &mosaic, &self.run.plan.angles(index)),
+        };
         Ok((mosaic, registration))
+    }
+
+    /// The frames of a pose that can be read, which are all or else, where that is allowed, the others.
+    fn bracket<'a>(
+        &self,
+        index: usize,
+        exposures: &'a [ExposureRecord],
+    ) -> Result<(Vec<&'a ExposureRecord>, Vec<BracketedFrame>)> {
+        let (mut read, mut bracket) = (Vec::new(), Vec::new());
+        for exposure in exposures {
+            match read_frame(&self.run, exposure).map_err(|error| error.at(format!("pose {index}"))) {
+                Ok(frame) => {
+                    let lamp_relative = exposure.lamp_reading / self.run.rig.lamp.reference_reading;
+                    read.push(exposure);
+                    bracket.push(BracketedFrame { frame, lamp_relative });
+                }
+                Err(error) if self.partial => {
+                    self.damaged.lock().unwrap_or_else(PoisonError::into_inner).push(error.to_string());
+                }
+                Err(error) => {
+                    return Err(error.hint(format!(
+                        "--skip-pose {index} leaves the pose out, --partial every frame that is damaged"
+                    )));
+                }
+            }
+        }
+        Ok((read, bracket))
     }
 
     /// The reflectance that a pose's photographs show, resampled `off_mm` beside where they were registered.
@@ -159,13 +273,13 @@ impl Photographs {
             Ok(mut registration) => {
                 registration.homography = registration.homography.from_origin(off_mm);
                 let geometry = pose_geometry(config, &registration.pose, angles.light);
-                let texels = texel_reflectance(config, mosaic, &registration, &geometry);
+                let texels = texel_reflectance(config, &self.texels, mosaic, &registration, &geometry);
                 (geometry, Ok(registration), texels)
             }
             Err(why) => {
                 let geometry =
                     pose_geometry(config, &registration::from_motors(config, &angles), angles.light);
-                let texels = config.carrier.texels_across * config.carrier.texels_down();
+                let texels = self.texels.texels();
                 let unknown =
                     PoseTexels { reflectance: vec![f32::NAN; 3 * texels], sigma: vec![f16::NAN; 3 * texels] };
                 (PoseGeometry { weight: 0.0, ..geometry }, Err(why), unknown)
@@ -174,82 +288,114 @@ impl Photographs {
     }
 }
 
-/// The exposures of every pose of the plan, in the plan's order.
-fn recorded_poses(run: &RunFolder) -> Result<Vec<Vec<ExposureRecord>>> {
-    let mut poses: Vec<Option<Vec<ExposureRecord>>> = vec![None; run.plan.poses.len()];
+/// A pose without photographs.
+fn nothing(why: String) -> Photographed {
+    (MosaicRadiance { width: 0, height: 0, data: Vec::new(), variance: Vec::new() }, Err(why.into()))
+}
+
+/// The exposures of every pose of the plan, in the plan's order, or why it is left out.
+fn recorded_poses(
+    run: &RunFolder,
+    options: &Options,
+) -> Result<Vec<std::result::Result<Vec<ExposureRecord>, String>>> {
+    let count = run.plan.poses.len();
+    if let Some(pose) = options.skip.iter().find(|&&pose| pose >= count) {
+        return Err(Error::input(format!("pose {pose} is not in the plan, which has 0 to {}", count - 1)));
+    }
+    let mut poses: Vec<Option<Vec<ExposureRecord>>> = vec![None; count];
     for record in &run.records {
         if let Record::Pose { index, exposures, .. } = record {
-            let count = poses.len();
             let place = poses.get_mut(*index);
             *place.ok_or_else(|| {
                 Error::input(format!("the journal records pose {index}, the plan has {count} poses"))
             })? = Some(exposures.clone());
         }
     }
-    let missing = poses.iter().filter(|pose| pose.is_none()).count();
-    if missing > 0 {
-        let message =
-            format!("{missing} of {} poses are not recorded; continue the run with --resume", poses.len());
+    let named = poses.into_iter().enumerate().map(|(index, exposures)| match exposures {
+        _ if options.skip.contains(&index) => Err("it was asked for".to_string()),
+        Some(exposures) => Ok(exposures),
+        None => Err("it is not photographed yet".to_string()),
+    });
+    let named: Vec<_> = named.collect();
+    let missing = (0..count).filter(|index| named[*index].is_err() && !options.skip.contains(index)).count();
+    if missing > 0 && !options.partial {
+        let message = format!(
+            "{missing} of {count} poses are not recorded; continue the run with --resume, or develop what is there with --partial"
+        );
         return Err(Error::input(format!("{}: {message}", run.path.display())));
     }
-    Ok(poses.into_iter().flatten().collect())
+    Ok(named)
 }
 
-/// The dark signal of the run's dark frames.
-fn dark_signal(run: &RunFolder) -> Result<DarkSignal> {
-    let mut frames = Vec::new();
-    for record in &run.records {
-        if let Record::Dark { exposure, .. } = record {
-            frames.push(read_frame(run, exposure)?);
+/// The dark signal of the run's dark frames, and which of them are left out, where that is allowed, and why.
+fn dark_signal(run: &RunFolder, partial: bool) -> Result<(DarkSignal, Vec<String>)> {
+    let (mut frames, mut damaged) = (Vec::new(), Vec::new());
+    let recorded = run.records.iter().filter_map(|record| match record {
+        Record::Dark { exposure, .. } => Some(exposure),
+        _ => None,
+    });
+    let times: Vec<f64> = recorded.clone().map(|exposure| exposure.open_s).collect();
+    for exposure in recorded {
+        match dark_frame(run, exposure) {
+            Ok(frame) => frames.push(frame),
+            Err(error) if partial => damaged.push(error.to_string()),
+            Err(error) => return Err(error.hint("--partial leaves it out, if there are others")),
         }
     }
-    DarkSignal::from_frames(&run.rig.camera, &frames).map_err(|error| error.at(run.path.display()))
+    let span = |times: &mut dyn Iterator<Item = f64>| {
+        times.fold((f64::MAX, 0.0f64), |(least, most), time| (least.min(time), most.max(time)))
+    };
+    if span(&mut times.iter().copied()) != span(&mut frames.iter().map(|frame| frame.exposure_s)) {
+        let message = "no dark frame is left of the shortest or of the longest exposure";
+        return Err(Error::input(format!("{}: {message}", run.path.display())));
+    }
+    let dark = DarkSignal::from_frames(&run.rig.camera, &frames);
+    Ok((dark.map_err(|error| error.at(run.path.display()))?, damaged))
+}
+
+/// Reads a dark frame, which the lamp must not have lit.
+fn dark_frame(run: &RunFolder, exposure: &ExposureRecord) -> Result<RawFrame> {
+    if let Some(light) = run.rig.lamp.lit(exposure.lamp_reading) {
+        let message = format!(
+            "{}: the lamp burnt while this dark frame was taken, at {light:.3} of its warm light by its photodiode; \
+             acquire the run again",
+            run.path.join(&exposure.file).display()
+        );
+        return Err(Error::input(message));
+    }
+    read_frame(run, exposure)
 }
 
 /// Reads a recorded frame; its EXIF exposure must be the controller's.
-fn read_frame(run: &RunFolder, exposure: &ExposureRecord) -> Result<frame::RawFrame> {
+fn read_frame(run: &RunFolder, exposure: &ExposureRecord) -> Result<RawFrame> {
     let path = run.path.join(&exposure.file);
-    let mut frame = frame::read(&path)?;
+    let frame = frame::read_photograph(&path)?;
     let camera = &run.rig.camera;
     if (frame.width, frame.height) != (camera.width, camera.height) {
         let (w, h) = (frame.width, frame.height);
         let message = format!("{w} × {h} pixels, rig.toml says {} × {}", camera.width, camera.height);
         return Err(Error::input(format!("{}: {message}", path.display())));
     }
-    if (frame.exposure_s / exposure.open_s - 1.0).abs() > 0.02 {
-        let (camera, controller) = (frame.exposure_s, exposure.open_s);
-        let message =
-            format!("its EXIF exposure is {camera} s, the controller opened the shutter for {controller} s");
-        return Err(Error::input(format!("{}: {message}", path.display())));
-    }
+    let agrees = camera.exif.agrees(frame.notes.exposure_s, exposure.open_s);
+    agrees.map_err(|why| Error::input(format!("{}: {why}", path.display())))?;
     // The controller's clock is finer than EXIF's rounded shutter speeds.
-    frame.exposure_s = exposure.open_s;
-    Ok(frame)
-}
-
-fn pose_radiance(run: &RunFolder, exposures: &[ExposureRecord], dark: &DarkSignal) -> Result<MosaicRadiance> {
-    let bracket = exposures
-        .iter()
-        .map(|exposure| {
-            let lamp_relative = exposure.lamp_reading / run.rig.lamp.reference_reading;
-            Ok(BracketedFrame { frame: read_frame(run, exposure)?, lamp_relative })
-        })
-        .collect::<Result<Vec<_>>>()?;
-    radiance::merge(&run.rig.camera, dark, &bracket)
+    let exposure_s = exposure.open_s;
+    Ok(RawFrame { width: frame.width, height: frame.height, values: frame.values, exposure_s })
 }
 
 /// The reflectance of every texel under one pose and its standard deviation.
 fn texel_reflectance(
     config: &RigConfig,
+    window: &Window,
     mosaic: &MosaicRadiance,
     registration: &Registration,
     geometry: &PoseGeometry,
 ) -> PoseTexels {
     let (values, variances) = (BayerPlanes::new(mosaic), BayerPlanes::of_variance(mosaic));
     let (width, height) = (config.carrier.texels_across, config.carrier.texels_down());
-    let count = 3 * width * height;
+    let count = 3 * window.texels();
     let mut texels = PoseTexels { reflectance: Vec::with_capacity(count), sigma: Vec::with_capacity(count) };
-    for texel in 0..width * height {
+    for texel in window.y.clone().flat_map(|y| window.x.clone().map(move |x| y * width + x)) {
         let position: DVec3 = texel_position_mm(width, height, config.carrier.texel_mm(), texel);
         let pixel = registration.pixel(config, position.xy());
         let factor = reflectance::irradiance_factor(config, geometry, position);

@@ -12,7 +12,7 @@ use crate::rig::config::RigConfig;
 use crate::rig::geometry::{MotorAngles, SamplePose, camera_position, sample_pose};
 
 /// Standard deviation of a refined tag corner, pixels.
-const CORNER_SIGMA_PX: f64 = 0.15;
+pub(super) const CORNER_SIGMA_PX: f64 = 0.15;
 
 /// Repeatability is a largest error; of a uniform error that large this is the standard deviation.
 const UNIFORM_SIGMA: f64 = 0.577_350_269_189_625_8;

@@ -7,13 +7,16 @@ use crate::rig::config::Camera;
 /// Share of the sensor's range above which a pixel counts as saturated.
 const SATURATION: f64 = 0.97;
 
-/// The dark signal a pixel: a bias and a rate, from frames without light at two exposures.
+/// The dark signal a pixel: a level and a rate, from frames without light at two exposures.
 #[derive(Debug, Clone, PartialEq)]
 pub struct DarkSignal {
-    bias: Vec<f32>,
+    /// The level after the short exposure, that exposure's dark current included.
+    short: Vec<f32>,
     per_second: Vec<f32>,
-    /// How many frames went into the bias and into the long exposures.
+    /// How many frames went into the short and into the long exposures.
     frames: [usize; 2],
+    /// The short exposure, s.
+    short_s: f64,
     /// Difference of the two exposures, s; 0 with one only.
     span_s: f64,
 }
@@ -34,32 +37,39 @@ impl DarkSignal {
         let shortest = frames.iter().map(|frame| frame.exposure_s).fold(f64::MAX, f64::min);
         let longest = frames.iter().map(|frame| frame.exposure_s).fold(0.0, f64::max);
         let middle = 0.5 * (shortest + longest);
-        let short: Vec<&RawFrame> = frames.iter().filter(|frame| frame.exposure_s <= middle).collect();
-        let long: Vec<&RawFrame> = frames.iter().filter(|frame| frame.exposure_s > middle).collect();
-        let bias = average(&short, pixels);
-        let span_s = if long.is_empty() { 0.0 } else { longest - shortest };
+        let (short, long): (Vec<&RawFrame>, Vec<&RawFrame>) =
+            frames.iter().partition(|frame| frame.exposure_s <= middle);
+        let counts = [short.len(), long.len()];
+        let [short_s, long_s] = [&short, &long].map(|frames| mean_exposure(frames));
+        let short = average(&short, pixels);
+        let span_s = if long.is_empty() { 0.0 } else { long_s - short_s };
         let per_second = if long.is_empty() {
             vec![0.0; pixels]
         } else {
             let rate = |(long, short): (&f32, &f32)| (long - short) / span_s as f32;
-            average(&long, pixels).iter().zip(&bias).map(rate).collect()
+            average(&long, pixels).iter().zip(&short).map(rate).collect()
         };
-        Ok(Self { bias, per_second, frames: [short.len(), long.len()], span_s })
+        Ok(Self { short, per_second, frames: counts, short_s, span_s })
     }
 
     /// The dark signal of pixel `index` after `seconds`.
     fn at(&self, index: usize, seconds: f64) -> f32 {
-        self.bias[index] + self.per_second[index] * seconds as f32
+        self.short[index] + self.per_second[index] * (seconds - self.short_s) as f32
     }
 
     /// Variance of the sum of what [`Self::at`] gives for `exposures` of together `seconds`, for frames of a variance of `read` each.
     fn variance(&self, read: f64, exposures: usize, seconds: f64) -> f64 {
         // The sum is a share of the short frames' mean and one of the long frames'.
-        let long = if self.span_s > 0.0 { seconds / self.span_s } else { 0.0 };
+        let beyond = seconds - exposures as f64 * self.short_s;
+        let long = if self.span_s > 0.0 { beyond / self.span_s } else { 0.0 };
         let short = exposures as f64 - long;
         let [short_frames, long_frames] = self.frames.map(|count| count.max(1) as f64);
         read * (short * short / short_frames + long * long / long_frames)
     }
+}
+
+fn mean_exposure(frames: &[&RawFrame]) -> f64 {
+    frames.iter().map(|frame| frame.exposure_s).sum::<f64>() / frames.len().max(1) as f64
 }
 
 fn average(frames: &[&RawFrame], pixels: usize) -> Vec<f32> {
@@ -98,6 +108,61 @@ pub fn bayer_channel(x: usize, y: usize) -> usize {
     [0, 1, 1, 2][2 * (y % 2) + x % 2]
 }
 
+/// Two exposures of a bracket disagree at a pixel that differs by more than this part of the brighter, noise apart.
+const DISAGREEMENT: f64 = 0.2;
+
+/// A bracket is contradictory when more than this share of the pixels that can be compared disagree: edges do when the rig shakes.
+const MOST_DISAGREEING: f64 = 0.25;
+
+/// Fewer pixels than this say nothing.
+const LEAST_COMPARED: usize = 200;
+
+/// The two exposures of a bracket that do not show the same thing, where there are such: one of them is the photograph of another
+/// pose, or was not exposed for as long as is said.
+pub fn contradiction(
+    camera: &Camera,
+    dark: &DarkSignal,
+    bracket: &[BracketedFrame],
+) -> Option<(usize, usize)> {
+    let limit = saturation(camera);
+    let read = read_variance(camera);
+    // Radiance, lamp divided out, and its standard deviation in the sensor's values.
+    let seen = |k: usize, BracketedFrame { frame, lamp_relative }: &BracketedFrame| {
+        let value = frame.values[k];
+        let electrons = f64::from(f32::from(value) - dark.at(k, 0.0)) * camera.electrons_per_value;
+        let noise = electrons.max(0.0) / camera.electrons_per_value.powi(2) + 2.0 * read;
+        let time = frame.exposure_s * lamp_relative;
+        let signal = f64::from(f32::from(value) - dark.at(k, frame.exposure_s));
+        (value < limit).then_some((signal / time, noise.sqrt() / time))
+    };
+    let contradict = |first: &BracketedFrame, second: &BracketedFrame| {
+        let (mut compared, mut disagreeing) = (0, 0);
+        for k in 0..first.frame.values.len().min(second.frame.values.len()) {
+            let (Some((a, noise_a)), Some((b, noise_b))) = (seen(k, first), seen(k, second)) else {
+                continue;
+            };
+            let (noise, most) = (6.0 * noise_a.hypot(noise_b), DISAGREEMENT * a.max(b));
+            if noise < most {
+                compared += 1;
+                disagreeing += usize::from((a - b).abs() > noise + most);
+            }
+        }
+        compared >= LEAST_COMPARED && disagreeing as f64 > MOST_DISAGREEING * f64::from(compared as u32)
+    };
+    let pairs = (1..bracket.len()).map(|second| (second - 1, second));
+    pairs.into_iter().find(|&(first, second)| contradict(&bracket[first], &bracket[second]))
+}
+
+/// The value from which on a pixel counts as saturated.
+pub(super) fn saturation(camera: &Camera) -> u16 {
+    (camera.black_level + SATURATION * camera.range()) as u16
+}
+
+/// Variance of one value without light: read noise and rounding.
+fn read_variance(camera: &Camera) -> f64 {
+    (camera.read_noise_e / camera.electrons_per_value).powi(2) + QUANTISATION
+}
+
 /// Merges a bracket. The unsaturated exposures' values are summed and divided by their summed times, which is the
 /// estimate of least variance when shot noise rules.
 ///
@@ -121,9 +186,9 @@ pub fn merge(camera: &Camera, dark: &DarkSignal, bracket: &[BracketedFrame]) -> 
     if bracket.is_empty() {
         return Err(Error::input("no exposure"));
     }
-    let limit = (camera.black_level + SATURATION * camera.range()) as u16;
+    let limit = saturation(camera);
     let response = camera.responsivity.map(|r| 1.0 / r);
-    let read = (camera.read_noise_e / camera.electrons_per_value).powi(2) + QUANTISATION;
+    let read = read_variance(camera);
     let (data, variance) = (0..pixels)
         .map(|k| {
             let (mut sum, mut time) = (0.0f64, 0.0f64);
@@ -135,7 +200,7 @@ pub fn merge(camera: &Camera, dark: &DarkSignal, bracket: &[BracketedFrame]) -> 
                     time += frame.exposure_s * lamp_relative;
                     exposures += 1;
                     seconds += frame.exposure_s;
-                    electrons += f64::from(value - dark.bias[k]) * camera.electrons_per_value;
+                    electrons += f64::from(value - dark.at(k, 0.0)) * camera.electrons_per_value;
                 }
             }
             if exposures == 0 {
@@ -186,11 +251,62 @@ mod tests {
         }
     }
 
+    /// A warm sensor: the frames are black level plus rate times exposure, whatever two exposures the dark frames had.
+    #[test]
+    fn the_dark_signal_is_the_black_level_and_the_dark_current_of_the_exposure_once() {
+        let camera = Camera { width: 4, height: 2, ..camera() };
+        let level = |exposure_s: f64| 512.0 + 400.0 * exposure_s;
+        let shot = |exposure_s: f64| RawFrame {
+            width: 4,
+            height: 2,
+            values: vec![level(exposure_s) as u16; 8],
+            exposure_s,
+        };
+        for [short, long] in [[0.5, 2.0], [0.01, 2.0], [1.0, 3.0]] {
+            let dark = DarkSignal::from_frames(&camera, &[short, short, long].map(shot)).unwrap();
+            for seconds in [0.0, 0.005, short, 1.5, long, 8.0] {
+                let found = f64::from(dark.at(3, seconds));
+                assert!(
+                    (found - level(seconds)).abs() < 1e-3,
+                    "{short} s and {long} s: {found} after {seconds} s"
+                );
+            }
+            // What a dark frame says of its own exposure is its mean: the noise of that and of nothing else.
+            assert!((dark.variance(9.0, 1, short) - 9.0 / 2.0).abs() < 1e-12);
+            assert!((dark.variance(9.0, 1, long) - 9.0).abs() < 1e-12);
+        }
+    }
+
     #[test]
     fn pixels_saturated_in_every_exposure_are_not_numbers() {
         let camera = camera();
         let shots = [BracketedFrame { frame: frame(&camera, 1.0, 1e3), lamp_relative: 1.0 }];
         assert!(merge(&camera, &dark(&camera), &shots).unwrap().data.iter().all(|v| v.is_nan()));
+    }
+
+    /// A scene of stripes and the same scene a few pixels on, which is what another pose shows.
+    #[test]
+    fn exposures_of_other_poses_or_of_other_times_contradict_each_other_and_those_of_one_do_not() {
+        let camera = Camera { width: 64, height: 48, ..camera() };
+        let scene = |exposure_s: f64, shift: usize, factor: f64| {
+            let value = |k: usize| {
+                let (x, y) = (k % camera.width, k / camera.width);
+                let radiance = factor * if ((x + shift) / 8) % 2 == 0 { 0.5 } else { 0.1 };
+                let gain = camera.responsivity[bayer_channel(x, y)];
+                (camera.black_level + 3.0 * exposure_s + radiance * gain * exposure_s).min(camera.white_level)
+                    as u16
+            };
+            let values = (0..camera.width * camera.height).map(value).collect();
+            let frame = RawFrame { width: camera.width, height: camera.height, values, exposure_s };
+            BracketedFrame { frame, lamp_relative: 1.0 }
+        };
+        let dark = dark(&camera);
+        let check = |second: BracketedFrame| contradiction(&camera, &dark, &[scene(0.05, 0, 1.0), second]);
+        assert_eq!(check(scene(0.5, 0, 1.0)), None);
+        assert_eq!(check(scene(0.5, 0, 1.1)), None, "a lamp that flickers by a tenth is none of this");
+        assert_eq!(check(scene(0.5, 5, 1.0)), Some((0, 1)), "another pose");
+        assert_eq!(check(scene(0.5, 0, 0.5)), Some((0, 1)), "half as long as is said");
+        assert_eq!(contradiction(&camera, &dark, &[scene(0.05, 0, 1.0)]), None);
     }
 
     #[test]

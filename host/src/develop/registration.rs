@@ -1,10 +1,14 @@
 //! One photograph's registration: fiducials found, homography to the sample's plane, and the sample's pose (3.6).
 
+use std::fmt;
+
 use glam::DVec2;
 
 use super::fiducials::{self, Detection, GrayImage};
+use super::frame::RawFrame;
 use super::homography::{Correspondence, Homography};
 use super::radiance::{MosaicRadiance, bayer_channel};
+use super::seen::{Difference, SeenPose};
 use super::{camera, pose};
 use crate::rig::config::{RigConfig, Tag};
 use crate::rig::geometry::{MotorAngles, SamplePose, sample_pose};
@@ -35,29 +39,91 @@ impl Registration {
     }
 }
 
+/// Why a photograph could not be registered.
+#[derive(Debug, Clone)]
+pub struct Unregistered {
+    /// A sentence.
+    pub why: String,
+    /// Where its tags put the sample, if they show it where the motors cannot have put it: another pose, most likely.
+    pub elsewhere: Option<SeenPose>,
+}
+
+impl fmt::Display for Unregistered {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(&self.why)
+    }
+}
+
+impl From<String> for Unregistered {
+    fn from(why: String) -> Self {
+        Self { why, elsewhere: None }
+    }
+}
+
+impl From<&str> for Unregistered {
+    fn from(why: &str) -> Self {
+        why.to_string().into()
+    }
+}
+
 /// Registers a photograph taken with the motors at `angles`.
 ///
 /// # Errors
-/// A sentence when too few tags are seen or their corners contradict each other.
+/// A sentence when too few tags are seen, their corners contradict each other, or they show the sample where the motors
+/// cannot have put it.
 pub fn register(
     config: &RigConfig,
     mosaic: &MosaicRadiance,
     angles: &MotorAngles,
-) -> Result<Registration, String> {
+) -> Result<Registration, Unregistered> {
     let image = grey(config, mosaic);
     let mut seen = fiducials::detect(&image);
     seen.retain_mut(|detection| {
         known_tag(config, detection.id).is_some() && fiducials::refine(&image, detection).is_some()
     });
-    let first = fit(config, &seen)?;
-    add_missed_tags(config, &image, &first, &mut seen);
-    let homography = fit(config, &seen)?;
-
+    let (homography, seen) = true_tags(config, &image, seen)?;
     let corners = correspondences(config, &seen);
+    let found = SeenPose::find(config, angles, &homography, &corners).ok_or("the tags determine no pose")?;
+    let difference = found.difference(config, angles);
+    if !difference.allowed {
+        return Err(Unregistered { why: contradiction(angles, &difference), elsewhere: Some(found) });
+    }
     let pose = pose::estimate(config, angles, &corners).ok_or("the tags contradict the motors' angles")?;
     let squares = corners.iter().map(|c| (homography.invert(c.image) - c.plane_mm).length_squared());
     let residual_mm = (squares.sum::<f64>() / corners.len() as f64).sqrt();
     Ok(Registration { homography, pose, tags: seen.len(), residual_mm })
+}
+
+/// Registers one exposure, as [`register`] does, without the dark frames: their part is small where tags are seen.
+///
+/// # Errors
+/// As [`register`].
+pub fn register_frame(
+    config: &RigConfig,
+    frame: &RawFrame,
+    angles: &MotorAngles,
+) -> Result<Registration, Unregistered> {
+    let camera = &config.camera;
+    let saturated = super::radiance::saturation(camera);
+    let value = |(k, &value): (usize, &u16)| {
+        let channel = bayer_channel(k % frame.width, k / frame.width);
+        let light =
+            (f64::from(value) - camera.black_level) / (camera.responsivity[channel] * frame.exposure_s);
+        if value < saturated { light as f32 } else { f32::NAN }
+    };
+    let data = frame.values.iter().enumerate().map(value).collect();
+    let mosaic = MosaicRadiance { width: frame.width, height: frame.height, data, variance: Vec::new() };
+    register(config, &mosaic, angles)
+}
+
+/// What to say of tags that show the sample where the motors cannot have put it.
+fn contradiction(angles: &MotorAngles, difference: &Difference) -> String {
+    let [pan, tilt, roll, _] = angles.to_degrees();
+    format!(
+        "the tags show the sample turned by {:.1}° from where the motors had it (pan {pan:.1}°, tilt {tilt:.1}°, roll {roll:.1}°), \
+         which is more than the axes' repeatability_deg allows",
+        difference.angle.to_degrees()
+    )
 }
 
 /// The mosaic as a picture of the neutral tags: every colour divided by the lamp's.
@@ -93,9 +159,19 @@ fn correspondences(config: &RigConfig, seen: &[Detection]) -> Vec<Correspondence
     seen.iter().filter_map(of_tag).flatten().collect()
 }
 
-/// Fits the homography, leaving out tags that do not lie where the others say.
-fn fit(config: &RigConfig, seen: &[Detection]) -> Result<Homography, String> {
-    let mut kept: Vec<Detection> = seen.to_vec();
+/// The tags that lie on one plane as the carrier has them, those that were missed or found in a false place among them, and the homography.
+fn true_tags(
+    config: &RigConfig,
+    image: &GrayImage,
+    seen: Vec<Detection>,
+) -> Result<(Homography, Vec<Detection>), String> {
+    let (first, mut kept) = fit(config, seen)?;
+    add_missed_tags(config, image, &first, &mut kept);
+    fit(config, kept)
+}
+
+/// Fits the homography and gives the tags that lie where it says; those that do not lie where the others say are false.
+fn fit(config: &RigConfig, mut kept: Vec<Detection>) -> Result<(Homography, Vec<Detection>), String> {
     loop {
         if kept.len() < FEWEST_TAGS {
             return Err(format!(
@@ -117,7 +193,7 @@ fn fit(config: &RigConfig, seen: &[Detection]) -> Result<Homography, String> {
         // The worst first: one false tag pulls the others off too.
         let worst = (0..kept.len()).max_by(|&a, &b| off(&kept[a]).total_cmp(&off(&kept[b]))).unwrap_or(0);
         if off(&kept[worst]) <= OUTLIER_PX {
-            return Ok(homography);
+            return Ok((homography, kept));
         }
         kept.swap_remove(worst);
     }
@@ -142,4 +218,88 @@ fn add_missed_tags(
 /// The registration that the motors alone give, for comparison and for tests.
 pub fn from_motors(config: &RigConfig, angles: &MotorAngles) -> SamplePose {
     sample_pose(config, angles, glam::DVec3::ZERO)
+}
+
+#[cfg(all(test, feature = "sim"))]
+mod tests {
+    use std::path::Path;
+
+    use super::*;
+    use crate::acquire::simulated;
+    use crate::demo::sample;
+
+    const STAND: [f64; 4] = [20.0, -15.0, 40.0, 50.0];
+
+    /// The simulator's photograph of the default carrier.
+    fn photograph(config: &RigConfig) -> MosaicRadiance {
+        let layout = sample::recipe().layout(Path::new("."), &config.carrier).unwrap();
+        let bench = simulated::bench(config, layout);
+        let values = bench.record(&bench.radiance(STAND.map(f64::to_radians)), 1.0, 0.2, 1);
+        let data = values.iter().map(|&value| f32::from(value) - config.camera.black_level as f32).collect();
+        MosaicRadiance {
+            width: config.camera.width,
+            height: config.camera.height,
+            data,
+            variance: Vec::new(),
+        }
+    }
+
+    /// Copies the piece of a photograph around `from` to around `to`; both even, so that the filters' colours stay.
+    fn copied(mosaic: &MosaicRadiance, from: DVec2, to: DVec2) -> MosaicRadiance {
+        const REACH: i64 = 44;
+        let mut copy = mosaic.clone();
+        let even = |at: DVec2| (at / 2.0).round().as_i64vec2() * 2;
+        let (from, to) = (even(from), even(to));
+        let index = |x: i64, y: i64| y as usize * mosaic.width + x as usize;
+        for (dx, dy) in (-REACH..REACH).flat_map(|y| (-REACH..REACH).map(move |x| (x, y))) {
+            copy.data[index(to.x + dx, to.y + dy)] = mosaic.data[index(from.x + dx, from.y + dy)];
+        }
+        copy
+    }
+
+    fn middle(config: &RigConfig, registration: &Registration, id: u32) -> DVec2 {
+        let tag = known_tag(config, id).unwrap();
+        registration.pixel(config, DVec2::new(tag.x_mm, tag.y_mm))
+    }
+
+    /// A second print of a tag, right by itself, lies where the carrier has none: the registration must be that of the photograph
+    /// without it.
+    #[test]
+    fn a_false_tag_moves_neither_the_homography_nor_the_pose_nor_the_residual() {
+        let config = RigConfig::default();
+        let angles = MotorAngles::from_degrees(STAND);
+        let clean = photograph(&config);
+        let expected = register(&config, &clean, &angles).unwrap();
+        assert!(expected.tags >= 14);
+        let sample = expected.pixel(&config, DVec2::ZERO);
+        let spoiled = copied(&clean, middle(&config, &expected, 2), sample);
+        let seen = fiducials::detect(&grey(&config, &spoiled));
+        assert_eq!(seen.iter().filter(|found| found.id == 2).count(), 2, "the test's false tag is seen");
+        let found = register(&config, &spoiled, &angles).unwrap();
+        assert_eq!(found.tags, expected.tags);
+        let off = |at: DVec2| (found.pixel(&config, at) - expected.pixel(&config, at)).length();
+        assert!(off(DVec2::ZERO) < 0.01 && off(DVec2::splat(30.0)) < 0.01);
+        assert!((found.residual_mm - expected.residual_mm).abs() < 0.1 * expected.residual_mm);
+        assert!((found.pose.translation - expected.pose.translation).length() < 0.01);
+        let turned = found.pose.rotation.transpose() * expected.pose.rotation - glam::DMat3::IDENTITY;
+        assert!(turned.to_cols_array().iter().all(|entry| entry.abs() < 1e-4));
+    }
+
+    #[test]
+    fn a_tag_that_was_found_in_a_false_place_is_looked_for_again_in_its_own() {
+        let config = RigConfig::default();
+        let image = grey(&config, &photograph(&config));
+        let mut seen = fiducials::detect(&image);
+        seen.retain_mut(|found| fiducials::refine(&image, found).is_some());
+        let (_, right) = true_tags(&config, &image, seen.clone()).unwrap();
+        let place =
+            |tags: &[Detection], id: u32| tags.iter().find(|found| found.id == id).map(|found| found.corners);
+        let own = place(&right, 2).unwrap();
+        let wrong = seen.iter_mut().find(|found| found.id == 2).unwrap();
+        wrong.corners = wrong.corners.map(|corner| corner + DVec2::new(9.0, 5.0));
+        let (_, found) = true_tags(&config, &image, seen).unwrap();
+        assert_eq!(found.len(), right.len());
+        let again = place(&found, 2).unwrap();
+        assert!(own.iter().zip(again).all(|(a, b)| a.distance(b) < 0.1), "{own:?} {again:?}");
+    }
 }

@@ -94,7 +94,7 @@ impl Plan {
     /// # Errors
     /// Input errors naming file and pose.
     pub fn read(path: &Path, config: &RigConfig) -> Result<Self> {
-        let plan: Self = toml_file::read(path)?;
+        let plan: Self = toml_file::read_as(path, toml_file::Kind::Plan)?;
         plan.validate(config).map_err(|error| error.at(path.display()))?;
         Ok(plan)
     }

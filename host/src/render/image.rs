@@ -1,6 +1,5 @@
 //! Pictures: linear radiance with coverage, written as OpenEXR or as a tone-mapped PNG.
 
-use std::fs;
 use std::path::Path;
 
 use exr::prelude::{Encoding, Image, LineOrder, SpecificChannels, WritableImage};
@@ -89,7 +88,6 @@ impl Picture {
 
     /// Linear OpenEXR.
     fn write_exr(&self, path: &Path) -> Result<()> {
-        let temporary = files::temporary_name(path);
         let channels = SpecificChannels::rgba(|at: exr::math::Vec2<usize>| {
             let pixel = self.pixels[at.y() * self.width + at.x()];
             (pixel.x, pixel.y, pixel.z, pixel.w)
@@ -97,16 +95,9 @@ impl Picture {
         // Tiles in order: unordered ones are written as the threads that compress them end, other bytes each time.
         let encoding = Encoding { line_order: LineOrder::Increasing, ..Encoding::FAST_LOSSLESS };
         let image = Image::from_encoded_channels((self.width, self.height), encoding, channels);
-        let written = image.write().to_file(&temporary);
-        let renamed = written.map_err(|error| error.to_string()).and_then(|()| {
-            let sync = || fs::File::open(&temporary)?.sync_all();
-            sync().and_then(|()| fs::rename(&temporary, path)).map_err(|error| error.to_string())
-        });
-        renamed.map_err(|error| {
-            // The first error is the one to tell.
-            let _ = fs::remove_file(&temporary);
-            Error::writing(path, error)
-        })
+        let mut bytes = std::io::Cursor::new(Vec::new());
+        image.write().to_buffered(&mut bytes).map_err(|error| Error::writing(path, error))?;
+        files::write_bytes(path, bytes.get_ref())
     }
 }
 
@@ -130,6 +121,8 @@ pub fn picture_kind(path: &Path) -> Option<PictureKind> {
 
 #[cfg(test)]
 mod tests {
+    use std::fs;
+
     use super::*;
 
     fn example() -> Picture {

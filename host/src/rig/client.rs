@@ -10,7 +10,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
 use lobelia_protocol::{
-    AXES, Answer, Axis, Command, Configuration, CrashRecord, Event, Exposure, FaultReport, Hello,
+    AXES, Answer, Axis, Command, Configuration, CrashRecord, Event, Exposure, Fault, FaultReport, Hello,
     HomingReport, Outcome, Refusal, Request, Status, ToController, ToHost, Verdict,
 };
 
@@ -209,6 +209,20 @@ impl RigClient {
         }
     }
 
+    /// Fires the shutter as [`Self::expose`] does; the inner error is by how many µs it closed too late.
+    pub fn expose_or_late(
+        &mut self,
+        duration_us: u32,
+        warm_lamp: bool,
+    ) -> Result<std::result::Result<Exposure, u32>> {
+        match self.ask(Command::Expose { duration_us, warm_lamp })? {
+            Outcome::Done(Answer::Exposed(exposure)) => Ok(Ok(exposure)),
+            Outcome::Refused(Refusal::ShutterLate { late_us }) => Ok(Err(late_us)),
+            Outcome::Refused(refusal) => Err(self.refused(refusal)),
+            _ => Err(out_of_place()),
+        }
+    }
+
     /// Asks how things stand.
     pub fn status(&mut self) -> Result<Status> {
         match self.call(Command::Status)? {
@@ -217,12 +231,35 @@ impl RigClient {
         }
     }
 
+    /// Runs some requests to their end whatever [`Self::set_interrupt`] says meanwhile: those that make the rig safe, above all.
+    pub fn uninterrupted<T>(&mut self, work: impl FnOnce(&mut Self) -> T) -> T {
+        let interrupted = self.interrupted.take();
+        let done = work(self);
+        self.interrupted = interrupted;
+        done
+    }
+
     /// Brings all axes to rest by their ramps and waits for that.
     pub fn stop(&mut self) -> Result<()> {
-        let interrupted = self.interrupted.take();
-        let stopped = self.stop_and_wait();
-        self.interrupted = interrupted;
-        stopped
+        self.uninterrupted(Self::stop_and_wait)
+    }
+
+    /// Axes at rest, lamp off; the lamp is put out even if the axes do not stop.
+    pub fn rest(&mut self) -> Result<()> {
+        self.uninterrupted(|client| {
+            let stopped = client.stop_and_wait();
+            client.lamp(false, 0.0).and(stopped)
+        })
+    }
+
+    /// Forgets the fault that the lease's end left, if that is the only one: nothing is wrong with the rig then. Tells whether it did.
+    pub fn forgive_lease(&mut self) -> Result<bool> {
+        let faults = self.status()?.faults;
+        let forgiven = faults.contains(Fault::LeaseExpired) && faults.iter().count() == 1;
+        if forgiven {
+            self.clear_faults()?;
+        }
+        Ok(forgiven)
     }
 
     fn stop_and_wait(&mut self) -> Result<()> {

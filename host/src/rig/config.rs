@@ -3,9 +3,13 @@
 //! Lengths in mm, angles in degrees, times in seconds, as the key names say.
 
 use lobelia_protocol::{AxisParameters, Configuration, DriverParameters, HomeDirection, Settings};
+use std::path::Path;
+
 use serde::{Deserialize, Serialize};
 
-mod check;
+use crate::toml_file;
+
+pub(crate) mod check;
 
 /// The whole file.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
@@ -276,6 +280,21 @@ pub struct Camera {
     pub max_exposure_s: f64,
     /// Relative aperture, as written into the frames.
     pub f_number: f64,
+    /// How far the exposure that a frame's EXIF block states must be the controller's.
+    pub exif: ExifExposure,
+}
+
+/// How far the exposure of an EXIF block must be the controller's.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum ExifExposure {
+    /// Within a third of a stop: cameras write nominal speeds, 1/60 for 1/64.
+    #[default]
+    Nominal,
+    /// Within 2 %.
+    Exact,
+    /// Not at all; it need not be there.
+    Ignore,
 }
 
 impl Default for Camera {
@@ -294,6 +313,7 @@ impl Default for Camera {
             min_exposure_s: 1.0 / 8000.0,
             max_exposure_s: 2.0,
             f_number: 16.0,
+            exif: ExifExposure::Nominal,
         }
     }
 }
@@ -338,6 +358,13 @@ impl Default for Lamp {
 }
 
 impl Lamp {
+    /// The part of the warm lamp's light that a reading of the photodiode in a dark frame tells of; `None` when that is darkness: below a
+    /// hundredth, of which noise and the converter's offset are most.
+    pub fn lit(&self, reading: f64) -> Option<f64> {
+        let light = reading / self.reference_reading;
+        (light.is_nan() || light.abs() > 0.01).then_some(light)
+    }
+
     /// Area A_s of the aperture, mm².
     pub fn aperture_mm2(&self) -> f64 {
         std::f64::consts::PI * (self.aperture_diameter_mm / 2.0).powi(2)
@@ -482,6 +509,46 @@ impl Default for Simulator {
 }
 
 impl RigConfig {
+    /// Reads and checks a rig's file.
+    ///
+    /// # Errors
+    /// Input errors that name file, line and key.
+    pub fn read(path: &Path) -> crate::Result<Self> {
+        let rig: Self = toml_file::read_as(path, toml_file::Kind::Rig)?;
+        rig.validate().map_err(|error| error.at(path.display()))?;
+        Ok(rig)
+    }
+
+    /// This rig with keys set to other values: `camera.focal_px=[4100, 4100]`, `carrier.texels_across=64`.
+    ///
+    /// # Errors
+    /// Input errors that name the setting: no `KEY=VALUE`, an unknown key, a value of another type or out of range.
+    pub fn with_settings(&self, settings: &[String]) -> crate::Result<Self> {
+        let mut file = toml::Value::try_from(self)
+            .map_err(|error| crate::Error::input(format!("the rig's file cannot be read back: {error}")))?;
+        for setting in settings {
+            let refused = |why: &str| crate::Error::input(format!("--set {setting}: {why}"));
+            let (key, text) = setting.split_once('=').ok_or_else(|| refused("must be KEY=VALUE"))?;
+            let value: toml::Table =
+                toml::from_str(&format!("value = {text}")).map_err(|_| refused("the value is no TOML"))?;
+            let value = value.get("value").cloned().ok_or_else(|| refused("the value is missing"))?;
+            let mut place = &mut file;
+            for part in key.trim().split('.') {
+                let table = place.as_table_mut().ok_or_else(|| refused("rig.toml has no such key"))?;
+                place = table.entry(part).or_insert(toml::Value::Boolean(false));
+            }
+            // A whole number is as good as one with a fraction.
+            *place = match value {
+                toml::Value::Integer(number) if place.is_float() => toml::Value::Float(number as f64),
+                value => value,
+            };
+            let read: std::result::Result<Self, _> = file.clone().try_into();
+            let read = read.map_err(|error| refused(error.message()))?;
+            read.validate().map_err(|error| refused(&error.to_string()))?;
+        }
+        file.try_into().map_err(|error: toml::de::Error| crate::Error::input(error.message().to_string()))
+    }
+
     /// Angles in degrees (pan, tilt, roll, light) as motor steps, rounded to the nearest.
     pub fn steps(&self, degrees: [f64; 4]) -> [i32; 4] {
         let axes = self.axes.in_order();
@@ -523,6 +590,36 @@ impl RigConfig {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn settings_replace_single_keys_and_wrong_ones_are_named() {
+        let rig = RigConfig::default();
+        let set = |settings: &[&str]| {
+            rig.with_settings(&settings.iter().map(ToString::to_string).collect::<Vec<_>>())
+        };
+        let changed =
+            set(&["camera.focal_px=[4100.5, 4099]", "carrier.texels_across=64", "camera.read_noise_e = 3"])
+                .unwrap();
+        let mut expected = rig.clone();
+        (expected.camera.focal_px, expected.carrier.texels_across) = ([4100.5, 4099.0], 64);
+        expected.camera.read_noise_e = 3.0;
+        assert_eq!(changed, expected);
+        assert_eq!(set(&["carrier.cylinder_radius_mm=40"]).unwrap().carrier.cylinder_radius_mm, Some(40.0));
+        for (setting, part) in [
+            ("camera.focal_px", "KEY=VALUE"),
+            ("camera.focal=3", "unknown field"),
+            ("camera.focal_px.x=3", "no such key"),
+            ("camera.width=\"wide\"", "invalid type"),
+            ("camera.white_level=10", "white_level"),
+            ("camera.f_number=", "no TOML"),
+        ] {
+            let message = set(&[setting]).unwrap_err().to_string();
+            assert!(
+                message.contains(setting) && message.contains(part) && !message.contains('\n'),
+                "{message}"
+            );
+        }
+    }
 
     #[test]
     fn the_default_file_survives_toml_and_is_valid() {

@@ -160,7 +160,7 @@ fn range(field: Field) -> &'static str {
         }
         Field::HomeSpeed => "they have to be at least 1 step/s and at most the highest speed",
         Field::HomeTravel => "the back-off has to be within the travel, the travel at most 2^29 steps",
-        Field::Duration => "it has to be 100 µs to 60 s",
+        Field::Duration => "it has to be within the controller's shortest and longest exposure",
     }
 }
 

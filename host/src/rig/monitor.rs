@@ -1,6 +1,6 @@
 //! The event log: what a controller tells unasked, and what changed between two statuses, each with the controller's time.
 
-use lobelia_protocol::{Axis, CrashRecord, Event, Happening, LogLine, Status, Telemetry};
+use lobelia_protocol::{AXES, Axis, CrashRecord, Event, Happening, LogLine, Status, Telemetry};
 
 use crate::rig::config::RigConfig;
 use crate::rig::explain;
@@ -21,11 +21,13 @@ pub fn time_us(event: &Event) -> Option<u64> {
     }
 }
 
-/// The line of an event that came when the controller's clock was about `now_us`.
-pub fn event(event: &Event, now_us: u64, config: &RigConfig) -> String {
+/// The line of an event that came when the controller's clock was about `now_us` and the positions of some axes were known.
+pub fn event(event: &Event, now_us: u64, known: [bool; AXES], config: &RigConfig) -> String {
     let report = match event {
         Event::Fault(report) => report,
-        Event::Telemetry(telemetry) => return line(telemetry.at_us, &self::telemetry(telemetry, config)),
+        Event::Telemetry(telemetry) => {
+            return line(telemetry.at_us, &self::telemetry(telemetry, known, config));
+        }
         Event::Log(LogLine { at_us, what }) => return line(*at_us, &happening(what)),
         Event::Crashed(CrashRecord { cause, place }) => {
             let what = format!("the controller had crashed before it was started: {cause:?} at {place:#x}");
@@ -37,11 +39,12 @@ pub fn event(event: &Event, now_us: u64, config: &RigConfig) -> String {
     line(report.at_us, &what)
 }
 
-fn telemetry(telemetry: &Telemetry, config: &RigConfig) -> String {
+fn telemetry(telemetry: &Telemetry, known: [bool; AXES], config: &RigConfig) -> String {
     let mut text = String::new();
     for axis in Axis::ALL {
         let place = degrees(config, axis, telemetry.positions[axis.index()]);
-        text += &format!("{} {place:.3}° ", axis.name());
+        let place = if known[axis.index()] { format!("{place:.3}°") } else { "not homed".to_owned() };
+        text += &format!("{} {place} ", axis.name());
     }
     let reading = telemetry.photodiode.map_or("-".to_owned(), |counts| counts.to_string());
     text += &format!("photodiode {reading}, frames {}", telemetry.frames);
@@ -86,6 +89,7 @@ pub fn changes(before: &Status, after: &Status, config: &RigConfig) -> Vec<Strin
         }
         match (before.moving[k], after.moving[k]) {
             (false, true) => note(format!("{name} began to move")),
+            (true, false) if !after.known[k] => note(format!("{name} at rest, not homed")),
             (true, false) => note(format!("{name} at rest at {place:.3}°")),
             (false, false)
                 if before.known[k] && after.known[k] && before.positions[k] != after.positions[k] =>
@@ -152,9 +156,22 @@ mod tests {
     }
 
     #[test]
+    fn an_axis_that_is_not_homed_shows_no_angle() {
+        let telemetry = Telemetry { positions: [1000; 4], ..Telemetry::default() };
+        let known = [true, false, true, true];
+        let told = event(&Event::Telemetry(telemetry), 0, known, &RigConfig::default());
+        assert!(told.contains("pan 12.900° tilt not homed roll 12.900°"), "{told}");
+        let mut moving = idle();
+        (moving.moving[1], moving.known[1]) = (true, false);
+        let rest = Status { moving: [false; 4], ..moving.clone() };
+        let lines = changes(&moving, &rest, &RigConfig::default());
+        assert_eq!(lines, [line(rest.uptime_us, "tilt at rest, not homed")]);
+    }
+
+    #[test]
     fn a_fault_is_one_line_with_its_own_time_and_axis() {
         let report = FaultReport { fault: Fault::LimitHit, axis: Some(Axis::Tilt), at_us: 12_345_678 };
-        let told = event(&Event::Fault(report), 0, &RigConfig::default());
+        let told = event(&Event::Fault(report), 0, [true; AXES], &RigConfig::default());
         assert!(told.starts_with("     12.345678 s  fault: limit hit (tilt): the tilt axis"), "{told}");
         assert_eq!(told.lines().count(), 1);
     }

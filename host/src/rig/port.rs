@@ -2,6 +2,7 @@
 
 use std::io::{self, Read, Write};
 use std::net::TcpStream;
+use std::path::Path;
 use std::time::Duration;
 
 use serialport::SerialPort;
@@ -94,6 +95,11 @@ fn open_tcp(name: &str, address: &str) -> Result<Box<dyn Port>> {
 }
 
 fn open_serial(name: &str) -> Result<Box<dyn Port>> {
+    // The errors of what is there and no serial port tell nobody anything.
+    if is_something_else(Path::new(name)) {
+        let message = "no serial port; name one as /dev/ttyACM0, or tcp://host:port, or sim";
+        return Err(Error::input(format!("port {name} is {message}")));
+    }
     match serialport::new(name, BAUD).open() {
         Ok(port) => Ok(Box::new(port)),
         Err(error) => {
@@ -108,6 +114,23 @@ fn open_serial(name: &str) -> Result<Box<dyn Port>> {
             }
         }
     }
+}
+
+/// Whether a name is that of a file, a folder, or of a device like `/dev/null`. Looked at without opening it, which would reset some
+/// controllers.
+#[cfg(unix)]
+fn is_something_else(path: &Path) -> bool {
+    use std::os::unix::fs::{FileTypeExt, MetadataExt};
+    // Linux's devices of memory, /dev/null among them, have the major number 1.
+    const MEMORY: u64 = 1;
+    let Ok(meta) = path.metadata() else { return false };
+    !meta.file_type().is_char_device() || (cfg!(target_os = "linux") && meta.rdev() >> 8 == MEMORY)
+}
+
+/// Ports are no files here.
+#[cfg(not(unix))]
+fn is_something_else(_: &Path) -> bool {
+    false
 }
 
 /// Names of the serial ports that this machine has, sorted.
@@ -128,6 +151,17 @@ mod tests {
         let error = open_port("/dev/no-such-port").err().expect("opened");
         assert_eq!(error.kind(), Kind::Input);
         assert!(error.to_string().contains("/dev/no-such-port"), "{error}");
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn what_is_no_serial_port_is_said_to_be_none() {
+        let folder = tempfile::tempdir().unwrap();
+        for name in ["/dev/null", &folder.path().display().to_string()] {
+            let error = open_port(name).err().expect("opened");
+            assert_eq!(error.kind(), Kind::Input);
+            assert!(error.to_string().contains(&format!("port {name} is no serial port")), "{error}");
+        }
     }
 
     #[test]

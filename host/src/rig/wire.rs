@@ -2,7 +2,7 @@
 
 use std::collections::VecDeque;
 use std::io::ErrorKind;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use lobelia_protocol::{FrameDecoder, ToController, ToHost};
 
@@ -56,9 +56,11 @@ impl Wire {
         self.port.write_all(bytes).and_then(|()| self.port.flush()).map_err(|error| lost(&error))
     }
 
-    /// Receives what comes, until nothing does for a while, for whoever asks next.
-    pub(crate) fn collect(&mut self, timeout: Duration) -> Result<()> {
-        while let Some(packet) = self.receive_new(timeout)? {
+    /// Receives what comes for a while, for whoever asks next. A controller that never falls silent is not listened to for longer.
+    pub(crate) fn collect(&mut self, time: Duration) -> Result<()> {
+        let end = Instant::now() + time;
+        while let Some(left) = end.checked_duration_since(Instant::now()).filter(|left| !left.is_zero()) {
+            let Some(packet) = self.receive_new(left)? else { break };
             if self.collected.len() == COLLECTED {
                 self.collected.pop_front();
             }
@@ -108,4 +110,51 @@ fn lost(error: &std::io::Error) -> Error {
     Error::failure(format!(
         "the link to the rig's controller was lost ({error}); plug it in, then start again (acquire: with --resume)"
     ))
+}
+
+#[cfg(test)]
+mod tests {
+    use std::io::{self, Read, Write};
+
+    use lobelia_protocol::{Event, Telemetry};
+
+    use super::*;
+
+    /// A controller that tells its telemetry without a pause.
+    struct Talker(Vec<u8>);
+
+    impl Read for Talker {
+        fn read(&mut self, into: &mut [u8]) -> io::Result<usize> {
+            let count = into.len().min(self.0.len());
+            into[..count].copy_from_slice(&self.0[..count]);
+            Ok(count)
+        }
+    }
+
+    impl Write for Talker {
+        fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+            Ok(bytes.len())
+        }
+
+        fn flush(&mut self) -> io::Result<()> {
+            Ok(())
+        }
+    }
+
+    impl Port for Talker {
+        fn set_read_timeout(&mut self, _: Duration) -> io::Result<()> {
+            Ok(())
+        }
+    }
+
+    /// Whoever keeps the lease must get to speak again: this returns at all, and with what was told.
+    #[test]
+    fn listening_to_a_controller_that_never_falls_silent_ends() {
+        let telemetry = ToHost::Event(Event::Telemetry(Telemetry::default()));
+        let frame = telemetry.encode().unwrap().to_vec();
+        let mut wire = Wire::new(Box::new(Talker(frame)));
+        wire.collect(Duration::from_millis(20)).unwrap();
+        assert!((1..=COLLECTED).contains(&wire.collected.len()));
+        assert!(matches!(wire.receive(Duration::ZERO), Ok(Some(ToHost::Event(Event::Telemetry(_))))));
+    }
 }

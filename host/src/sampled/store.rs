@@ -1,5 +1,6 @@
 //! The Zarr v3 store of a sampled SBRDF: chunked by texel block over all poses, so that a fit reads a block once.
 
+use std::collections::BTreeMap;
 use std::fs;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
@@ -16,6 +17,7 @@ use super::{PoseGeometry, SampledSbrdf};
 use crate::acquire::sha256;
 use crate::error::{Error, Result};
 use crate::files;
+use crate::reflectance::durable;
 
 /// Edge of a chunk in texels.
 const BLOCK: usize = 16;
@@ -23,50 +25,66 @@ const BLOCK: usize = 16;
 /// Attribute of the root group that tells a sampled SBRDF from other stores.
 const LAYOUT_KEY: &str = "lobelia_layout";
 
+/// Attribute of a store that is a part of a sample: from the sample's centre to the part's, texels along x and y.
+const OFFSET_KEY: &str = "offset_texels";
+
 /// Version of the layout.
 const LAYOUT: u64 = 1;
 
 impl SampledSbrdf {
-    /// Whether a store may be written at `path`: nothing is there, an empty folder, or an earlier sampled SBRDF.
+    /// Whether a store may and can be written at `path`: nothing is there, an empty folder, or an earlier sampled SBRDF and nothing
+    /// besides.
     ///
     /// # Errors
-    /// Input errors for anything else, which a store would destroy.
+    /// Input errors for anything else, which a store would destroy; failures when the disk refuses.
     pub fn may_write_zarr(path: &Path) -> Result<()> {
-        let empty = || fs::read_dir(path).is_ok_and(|mut entries| entries.next().is_none());
-        let earlier =
-            || fs::read_to_string(path.join("zarr.json")).is_ok_and(|text| text.contains(LAYOUT_KEY));
-        if !path.exists() || (path.is_dir() && (empty() || earlier())) {
-            return Ok(());
+        let refused =
+            |why: String| Err(Error::input(format!("{}: {why}; name another output", path.display())));
+        if path.exists() {
+            let entries =
+                fs::read_dir(path).into_iter().flatten().filter_map(|entry| Some(entry.ok()?.path()));
+            let entries: Vec<PathBuf> = entries.collect();
+            let earlier =
+                fs::read_to_string(path.join("zarr.json")).is_ok_and(|text| text.contains(LAYOUT_KEY));
+            if !path.is_dir() || (!entries.is_empty() && !earlier) {
+                return refused("there already and no sampled SBRDF".into());
+            }
+            let of_a_store =
+                |entry: &PathBuf| entry.ends_with("zarr.json") || entry.join("zarr.json").is_file();
+            if let Some(other) = entries.iter().find(|entry| !of_a_store(entry)) {
+                let name = other.file_name().unwrap_or_default().to_string_lossy();
+                return refused(format!("a sampled SBRDF, but it holds {name} besides"));
+            }
         }
-        let message = "there already and no sampled SBRDF; name another output";
-        Err(Error::input(format!("{}: {message}", path.display())))
+        durable::try_writing(path).map_err(|error| Error::writing(path, error))
     }
 
-    /// Writes the store; an earlier one at `path` is replaced only when the new one is complete.
+    /// Writes the store; an earlier one at `path` is removed only when the new one is complete and on the disk.
     ///
     /// # Errors
     /// As [`Self::may_write_zarr`], and when the disk refuses; nothing half-written is left under `path`.
     pub fn write_zarr(&self, path: &Path) -> Result<()> {
+        self.write_zarr_with(path, &Attributes::new())
+    }
+
+    /// As [`Self::write_zarr`], with attributes of the root that say where it comes from.
+    ///
+    /// # Errors
+    /// As [`Self::write_zarr`].
+    pub fn write_zarr_with(&self, path: &Path, attributes: &Attributes) -> Result<()> {
         Self::may_write_zarr(path)?;
-        let temporary = files::temporary_name(path);
-        let _ = fs::remove_dir_all(&temporary);
-        let written = write_store(self, &temporary).map_err(|error| Error::writing(path, error));
-        if let Err(error) = written {
+        let path = &durable::target(path);
+        files::create_folder(durable::folder_of(path))?;
+        let temporary = durable::unused_name(path, "tmp");
+        let written = write_store(self, &temporary, attributes).map_err(|error| Error::writing(path, error));
+        let replaced = written.and_then(|()| {
+            durable::replace_folder(&temporary, path).map_err(|error| Error::writing(path, error))
+        });
+        if replaced.is_err() {
             // Best effort: the first error is the one to tell.
             let _ = fs::remove_dir_all(&temporary);
-            return Err(error);
         }
-        // A folder cannot be replaced in one step: the earlier store goes aside, so that one of the two is always whole.
-        let aside = path.with_extension("zarr.old");
-        let replace = || -> std::io::Result<()> {
-            if path.exists() {
-                let _ = fs::remove_dir_all(&aside);
-                fs::rename(path, &aside)?;
-            }
-            fs::rename(&temporary, path)?;
-            if aside.exists() { fs::remove_dir_all(&aside) } else { Ok(()) }
-        };
-        replace().map_err(|error| Error::writing(path, error))
+        replaced
     }
 
     /// Reads a store that [`Self::write_zarr`] or another Zarr v3 writer made.
@@ -78,6 +96,9 @@ impl SampledSbrdf {
         store.read(&Window { x: 0..store.width, y: 0..store.height }, true)
     }
 }
+
+/// Texts of a store's root that say where it comes from, by name.
+pub type Attributes = BTreeMap<String, String>;
 
 /// Columns and rows of a sample.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -103,6 +124,13 @@ impl Window {
     pub fn texels(&self) -> usize {
         self.x.len() * self.y.len()
     }
+
+    /// From the middle of columns × rows to that of the window, texels along x and y.
+    pub fn offset(&self, [width, height]: [usize; 2]) -> DVec2 {
+        let middle =
+            |range: &Range<usize>, whole: usize| (range.start + range.end) as f64 / 2.0 - whole as f64 / 2.0;
+        DVec2::new(middle(&self.x, width), -middle(&self.y, height))
+    }
 }
 
 /// A store whose samples are read window by window; the poses are in memory.
@@ -116,6 +144,8 @@ pub struct SampledStore {
     pub height: usize,
     /// Edge of a texel, mm.
     pub texel_mm: f64,
+    /// From the sample's centre to that of the store, texels along x and y.
+    pub offset_texels: DVec2,
     /// Geometry a pose.
     pub poses: Vec<PoseGeometry>,
 }
@@ -185,13 +215,11 @@ impl SampledStore {
         let reflectance: Vec<f32> = self.array.retrieve_array_subset(&subset).map_err(reading)?;
         let sigma = sigma.map(|array| array.retrieve_array_subset(&subset)).transpose();
         let sigma: Option<Vec<f16>> = sigma.map_err(reading)?;
-        let middle =
-            |range: &Range<usize>, whole: usize| (range.start + range.end) as f64 / 2.0 - whole as f64 / 2.0;
         Ok(SampledSbrdf {
             width: window.x.len(),
             height: window.y.len(),
             texel_mm: self.texel_mm,
-            offset_texels: DVec2::new(middle(&window.x, self.width), -middle(&window.y, self.height)),
+            offset_texels: self.offset_texels + window.offset([self.width, self.height]),
             poses: self.poses.clone(),
             reflectance,
             sigma,
@@ -205,6 +233,9 @@ impl SampledStore {
             let (light, camera) = (pose.light_mm, pose.camera_mm);
             [light.x, light.y, light.z, camera.x, camera.y, camera.z, pose.weight]
         };
+        // A whole sample's hash is that of numbers without an offset.
+        let offset = self.offset_texels.to_array().into_iter().filter(|_| self.offset_texels != DVec2::ZERO);
+        let numbers = numbers.chain(offset);
         let bytes: Vec<u8> =
             numbers.chain(self.poses.iter().flat_map(of)).flat_map(f64::to_le_bytes).collect();
         sha256(&bytes)
@@ -225,13 +256,21 @@ impl<E: std::error::Error + 'static> From<E> for StoreError {
     }
 }
 
-fn write_store(sampled: &SampledSbrdf, path: &Path) -> std::result::Result<(), Box<dyn std::error::Error>> {
+fn write_store(
+    sampled: &SampledSbrdf,
+    path: &Path,
+    texts: &Attributes,
+) -> std::result::Result<(), Box<dyn std::error::Error>> {
     let store = Arc::new(FilesystemStore::new(path)?);
     let mut root = GroupBuilder::new().build(store.clone(), "/")?;
     let attributes = root.attributes_mut();
     attributes.insert(LAYOUT_KEY.into(), LAYOUT.into());
     attributes.insert("texel_mm".into(), sampled.texel_mm.into());
     attributes.insert("reflectance_unit".into(), "1/sr".into());
+    if sampled.offset_texels != DVec2::ZERO {
+        attributes.insert(OFFSET_KEY.into(), sampled.offset_texels.to_array().to_vec().into());
+    }
+    attributes.extend(texts.iter().map(|(name, text)| (name.clone(), text.as_str().into())));
     root.store_metadata()?;
 
     let poses = sampled.poses.len();
@@ -320,6 +359,13 @@ fn open_store(path: &Path) -> std::result::Result<SampledStore, StoreError> {
     let texel_mm = root.attributes().get("texel_mm").and_then(serde_json::Value::as_f64);
     let texel_mm = texel_mm.ok_or_else(|| StoreError::Layout("lacks the attribute texel_mm".into()))?;
 
+    let offset_texels = match root.attributes().get(OFFSET_KEY) {
+        None => DVec2::ZERO,
+        Some(value) => serde_json::from_value::<[f64; 2]>(value.clone())
+            .map(DVec2::from)
+            .map_err(|_| StoreError::Layout(format!("its attribute {OFFSET_KEY} is not two numbers")))?,
+    };
+
     let array = Array::open(store.clone(), "/reflectance")?;
     let shape: Vec<usize> = array.shape().iter().map(|&n| n as usize).collect();
     let &[height, width, poses, 3] = shape.as_slice() else {
@@ -353,7 +399,8 @@ fn open_store(path: &Path) -> std::result::Result<SampledStore, StoreError> {
             weight: weight[pose],
         })
         .collect();
-    Ok(SampledStore { path: path.to_path_buf(), array, sigma, width, height, texel_mm, poses })
+    let path = path.to_path_buf();
+    Ok(SampledStore { path, array, sigma, width, height, texel_mm, offset_texels, poses })
 }
 
 /// Zarr reads a chunk that is not there as its fill value; here that would be a block of texels lost without a word. Checks the
@@ -471,6 +518,19 @@ mod tests {
     }
 
     #[test]
+    fn a_part_of_a_sample_keeps_its_place_and_texts_their_words() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("part.zarr");
+        let part = SampledSbrdf { offset_texels: DVec2::new(2.5, -1.0), ..example() };
+        let texts = Attributes::from([("rig_toml".to_string(), "[camera]\n".to_string())]);
+        part.write_zarr_with(&path, &texts).unwrap();
+        assert_eq!(SampledSbrdf::read_zarr(&path).unwrap(), part);
+        let root: serde_json::Value =
+            serde_json::from_slice(&fs::read(path.join("zarr.json")).unwrap()).unwrap();
+        assert_eq!(root["attributes"]["rig_toml"], "[camera]\n");
+    }
+
+    #[test]
     fn a_folder_that_is_no_store_is_refused() {
         let folder = tempfile::tempdir().unwrap();
         let error = SampledSbrdf::read_zarr(folder.path()).unwrap_err();
@@ -503,6 +563,26 @@ mod tests {
         assert!(lost.contains("reflectance/c/1/0/0/0 is missing"), "{lost}");
         let text = SampledSbrdf::read_zarr(&path).unwrap_err().to_string();
         assert!(text.contains("reflectance/c/1/0/0/0"), "{text}");
+    }
+
+    /// Names that a writer might be tempted to use hold a user's own copies.
+    #[test]
+    fn what_lies_beside_or_in_a_store_is_never_removed() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("sampled.zarr");
+        let others = ["sampled.zarr.old", "sampled.zarr.tmp"].map(|name| folder.path().join(name));
+        for other in &others {
+            example().write_zarr(other).unwrap();
+            fs::write(other.join("notes.txt"), "mine").unwrap();
+        }
+        for _ in 0..2 {
+            example().write_zarr(&path).unwrap();
+            assert!(others.iter().all(|other| SampledSbrdf::read_zarr(other).unwrap() == example()));
+            assert!(others.iter().all(|other| other.join("notes.txt").is_file()));
+            assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 3);
+        }
+        let refused = example().write_zarr(&others[0]).unwrap_err();
+        assert!(refused.exit_code() == 2 && refused.to_string().contains("notes.txt"), "{refused}");
     }
 
     #[test]

@@ -9,6 +9,7 @@ use crate::acquire::station;
 use crate::cli::Context;
 use crate::error::{Error, Result};
 use crate::progress;
+use crate::rig::config::check::exposures_s;
 
 /// A held lamp's controller is spoken to this often.
 const HOLD: Duration = Duration::from_secs(1);
@@ -83,11 +84,16 @@ pub(super) fn lamp(args: &LampArgs, context: &mut Context) -> Result<()> {
     }
     if args.hold {
         context.note("Ctrl-C switches it off");
-        while !station::interrupted() {
-            client.pause(HOLD)?;
+        let mut held = Ok(());
+        while held.is_ok() && !station::interrupted() {
+            held = client.pause(HOLD);
             args.session.connection.keep_pace(HOLD);
         }
-        client.lamp(false, 0.0)?;
+        // However it ends, and even if the answer to what was asked last is lost.
+        client.uninterrupted(|client| client.lamp(false, 0.0))?;
+        if !station::interrupted() {
+            held?;
+        }
     } else if config.lamp.lease_s > 0.0 {
         context.note(format!(
             "the controller dims it when it hears nothing for {} s (lamp.lease_s); --hold keeps it burning",
@@ -100,8 +106,10 @@ pub(super) fn lamp(args: &LampArgs, context: &mut Context) -> Result<()> {
 /// Runs `lobelia rig expose`.
 pub(super) fn expose(args: &ExposeArgs, context: &mut Context) -> Result<()> {
     let duration_us = (args.seconds * 1e6).round();
-    if !(100.0..=60e6).contains(&duration_us) {
-        return Err(Error::input(format!("{} s is not between 0.0001 and 60 s", args.seconds)));
+    let possible = exposures_s();
+    if !possible.contains(&args.seconds) {
+        let (least, most) = (possible.start(), possible.end());
+        return Err(Error::input(format!("{} s is not between {least} and {most} s", args.seconds)));
     }
     let (_, mut client) = args.session.configure(context)?;
     drive::home_if_unknown(&mut client, args.home, context)?;

@@ -112,7 +112,7 @@ pub(super) fn monitor(args: &MonitorArgs, context: &mut Context) -> Result<()> {
     println!("{}", monitor::line(before.uptime_us, "connected"));
     while before.uptime_us < end_us && !station::interrupted() {
         while let Some(event) = client.listen(LOOK)? {
-            println!("{}", monitor::event(&event, before.uptime_us, &config));
+            println!("{}", monitor::event(&event, before.uptime_us, before.known, &config));
             events += 1;
             // Telemetry may never pause for as long as one look takes.
             if monitor::time_us(&event).is_some_and(|us| us >= before.uptime_us + LOOK.as_micros() as u64) {

@@ -12,7 +12,6 @@ use crate::error::{Error, Result};
 use crate::rig::config::RigConfig;
 use crate::rig::trace::Recorder;
 use crate::rig::{Port, RigClient, open_port};
-use crate::toml_file;
 
 mod check;
 mod drive;
@@ -94,8 +93,7 @@ pub(super) fn run(args: &RigArgs, context: &mut Context) -> Result<()> {
 /// Reads the rig's file, or gives the built-in rig.
 fn rig_config(path: Option<&Path>, context: &mut Context) -> Result<RigConfig> {
     let Some(path) = path else { return Ok(RigConfig::default()) };
-    let config: RigConfig = toml_file::read(path)?;
-    config.validate()?;
+    let config = RigConfig::read(path)?;
     context.report.input(path);
     Ok(config)
 }

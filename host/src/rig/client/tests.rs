@@ -119,6 +119,37 @@ fn interrupt_stops_the_rig_with_positions_known() {
     assert!(status.positions[3] < 100_000);
 }
 
+/// Ctrl-C was pressed, and a frame is lost somewhere on the way to rest: of the stop, of a status, of the lamp.
+#[test]
+fn interrupted_host_puts_the_lamp_out_whichever_frame_is_lost() {
+    for after in (0..120).step_by(12) {
+        let (rig, mut client) = homed();
+        client.lamp(true, 1.0).unwrap();
+        assert!(rig.lamp_level() > 0.9);
+        client.set_interrupt(|| true);
+        rig.lose_bytes(lobelia_hil_sim::Way::ToController, after, 14);
+        client.rest().unwrap();
+        assert_eq!(rig.lamp_level(), 0.0, "{after}");
+    }
+}
+
+#[test]
+fn the_fault_of_the_lease_is_forgiven_with_positions_kept_and_no_other_is() {
+    /// Within the limits of every axis.
+    const NEAR: [i32; 4] = [10, 10, 10, 50_000];
+    let (rig, mut client) = homed();
+    assert!(!client.forgive_lease().unwrap(), "nothing to forgive");
+    client.lamp(true, 1.0).unwrap();
+    rig.abandon_until_us(rig.now_us() + 10_000_000);
+    assert!(matches!(client.move_to(NEAR), Err(error) if error.to_string().contains("heard nothing")));
+    assert!(client.forgive_lease().unwrap());
+    client.move_to(NEAR).unwrap();
+    client.lamp(true, 1.0).unwrap();
+    rig.abandon_until_us(rig.now_us() + 10_000_000);
+    rig.press_emergency_stop();
+    assert!(!client.forgive_lease().unwrap());
+}
+
 #[test]
 fn waiting_and_moving_for_longer_than_the_lease_keep_it() {
     let config = MechanicsConfig::ideal();

@@ -3,6 +3,8 @@
 
 use std::ops::RangeInclusive;
 
+use lobelia_protocol::EXPOSURE_US;
+
 use super::{AXIS_NAMES, Axis, Driver, RigConfig};
 use crate::error::{Error, Result};
 
@@ -62,8 +64,8 @@ impl RigConfig {
             ("camera.height", camera.height as f64, 16.0..=65535.0),
             ("camera.black_level", camera.black_level, 0.0..=65535.0),
             ("camera.white_level", camera.white_level, 1.0..=65535.0),
-            ("camera.min_exposure_s", camera.min_exposure_s, 1e-6..=4000.0),
-            ("camera.max_exposure_s", camera.max_exposure_s, 1e-6..=4000.0),
+            ("camera.min_exposure_s", camera.min_exposure_s, exposures_s()),
+            ("camera.max_exposure_s", camera.max_exposure_s, exposures_s()),
             ("camera.f_number", camera.f_number, POSITIVE),
             ("camera.electrons_per_value", camera.electrons_per_value, POSITIVE),
             ("camera.read_noise_e", camera.read_noise_e, NOT_NEGATIVE),
@@ -135,6 +137,11 @@ impl RigConfig {
         }
         Ok(())
     }
+}
+
+/// Exposures that the controller makes, s.
+pub(crate) fn exposures_s() -> RangeInclusive<f64> {
+    f64::from(*EXPOSURE_US.start()) * 1e-6..=f64::from(*EXPOSURE_US.end()) * 1e-6
 }
 
 /// A refusal that names the key.

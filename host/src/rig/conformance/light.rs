@@ -1,6 +1,6 @@
 //! Checks of lamp and shutter.
 
-use lobelia_protocol::{Answer, Command, Exposure, Field, Outcome, Refusal};
+use lobelia_protocol::{Answer, Command, EXPOSURE_US, Exposure, Field, Outcome, Refusal};
 
 use super::Script;
 use super::bench::{Bench, Result, Trouble, ensure, same};
@@ -73,7 +73,7 @@ fn in_order(bench: &mut Bench) -> Result<()> {
 
 fn out_of_range(bench: &mut Bench) -> Result<()> {
     bench.homed()?;
-    for duration_us in [0, 99, 60_000_001, u32::MAX] {
+    for duration_us in [0, EXPOSURE_US.start() - 1, EXPOSURE_US.end() + 1, u32::MAX] {
         let why = Refusal::BadParameter { axis: None, field: Field::Duration };
         bench.refused(Command::Expose { duration_us, warm_lamp: false }, why)?;
     }
