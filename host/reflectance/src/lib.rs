@@ -6,6 +6,7 @@
 
 pub mod albedo;
 pub mod colour;
+pub mod exr_file;
 pub mod lobe;
 pub mod map;
 mod map_exr;
@@ -15,6 +16,7 @@ pub mod table;
 
 pub use lobe::{Lobe, LobeBrdf};
 pub use map::{LobePlane, MicrofacetPlane, SbrdfMap};
+pub use map_exr::MapEncoding;
 pub use microfacet::Microfacet;
 pub use table::{InterpolatedBrdf, MeasuredTable};
 
