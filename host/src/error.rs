@@ -3,6 +3,8 @@
 use std::fmt;
 use std::path::Path;
 
+use crate::reflectance::FormatError;
+
 /// An error with a sentence for the user: what is wrong, where (file, line, pose, texel) and what to do.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Error {
@@ -25,7 +27,10 @@ pub type Result<T> = std::result::Result<T, Error>;
 impl Error {
     /// Input that the user can put right; the command exits with 2.
     pub fn input(message: impl Into<String>) -> Self {
-        Self { kind: Kind::Input, message: message.into() }
+        let message: String = message.into();
+        // Names and keys of a file may hold line breaks of their own.
+        let message = if message.contains(char::is_control) { one_line(message) } else { message };
+        Self { kind: Kind::Input, message }
     }
 
     /// A failure of a device, the disk or the link; the command exits with 1.
@@ -35,12 +40,22 @@ impl Error {
 
     /// A file that could not be read: input when it is missing or not readable as what it should be.
     pub fn reading(path: &Path, error: impl fmt::Display) -> Self {
-        Self::input(format!("{}: cannot be read: {error}", path.display()))
+        let (name, error) = (path.display().to_string(), one_line(error));
+        // Some readers name the file themselves.
+        if error.starts_with(&name) {
+            return Self::input(error);
+        }
+        Self::input(format!("{name}: cannot be read: {error}"))
+    }
+
+    /// A file that is not what it should be; the sentence names it.
+    pub fn format(error: FormatError) -> Self {
+        Self::input(error.to_string())
     }
 
     /// A file that could not be written.
     pub fn writing(path: &Path, error: impl fmt::Display) -> Self {
-        Self::failure(format!("{}: cannot be written: {error}", path.display()))
+        Self::failure(format!("{}: cannot be written: {}", path.display(), one_line(error)))
     }
 
     /// Puts a place (file, pose, texel) in front of the sentence.
@@ -69,6 +84,12 @@ impl Error {
     }
 }
 
+/// A message of another program's part on one line: some draw pictures of the place.
+fn one_line(error: impl fmt::Display) -> String {
+    let text = error.to_string().replace(|c: char| c.is_control(), " ");
+    text.split_whitespace().collect::<Vec<_>>().join(" ")
+}
+
 impl fmt::Display for Error {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(&self.message)
@@ -76,3 +97,16 @@ impl fmt::Display for Error {
 }
 
 impl std::error::Error for Error {}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_reader_s_message_is_one_line_and_names_the_file_once() {
+        let path = Path::new("a folder/m.obj");
+        let text = Error::reading(path, "at line 3\n  |\n  ^ here").to_string();
+        assert_eq!(text, "a folder/m.obj: cannot be read: at line 3 | ^ here");
+        assert_eq!(Error::reading(path, "a folder/m.obj: damaged").to_string(), "a folder/m.obj: damaged");
+    }
+}

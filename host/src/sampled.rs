@@ -10,6 +10,7 @@ use half::f16;
 use crate::reflectance::Rgb;
 
 mod store;
+mod zarr;
 
 pub use store::{Attributes, SampledStore, Window};
 

@@ -7,6 +7,7 @@
 pub mod albedo;
 pub mod colour;
 pub mod durable;
+pub mod exr_file;
 pub mod lobe;
 pub mod map;
 mod map_exr;
@@ -16,6 +17,7 @@ pub mod table;
 
 pub use lobe::{Lobe, LobeBrdf};
 pub use map::{LobePlane, MicrofacetPlane, SbrdfMap};
+pub use map_exr::MapEncoding;
 pub use microfacet::Microfacet;
 pub use table::{InterpolatedBrdf, MeasuredTable};
 

@@ -104,6 +104,14 @@ impl LobeBrdf {
         Self { rho_d: albedo / std::f32::consts::PI, ..Self::default() }
     }
 
+    /// Refuses coefficients that no reflectance has, as [`crate::SbrdfMap::check`] does.
+    ///
+    /// # Errors
+    /// [`crate::FormatError::Invalid`] with the name that the coefficient has as a channel of a map, such as `lobe0.n`.
+    pub fn check(&self) -> Result<(), crate::FormatError> {
+        crate::map_exr::check_one(self)
+    }
+
     /// What its lobes have beyond one exponent and the surface's normal, in words.
     pub fn extension(&self) -> Option<&'static str> {
         if self.normal != Vec2::ZERO {

@@ -5,7 +5,7 @@ use std::path::Path;
 
 use glam::{Vec2, Vec3};
 
-use crate::{FormatError, Lobe, LobeBrdf, Microfacet, Rgb, map_exr};
+use crate::{FormatError, Lobe, LobeBrdf, MapEncoding, Microfacet, Rgb, map_exr};
 
 /// The coefficients of one lobe at every texel.
 #[derive(Debug, Clone, PartialEq, Default)]
@@ -183,20 +183,38 @@ impl SbrdfMap {
         reflectance
     }
 
-    /// Writes the map as OpenEXR with one named f32 channel a coefficient (`rho_d.R`, `lobe0.C.x`, `lobe0.n`, `beta`, …).
+    /// Writes the map as OpenEXR with one named f32 channel a coefficient (`rho_d.R`, `lobe0.C.x`, `lobe0.n`, `beta`, …), and R, G and
+    /// B to be looked at.
     ///
     /// # Errors
     /// When the file cannot be written; nothing is left half-written under `path`.
     pub fn write_exr(&self, path: &Path) -> Result<(), FormatError> {
-        map_exr::write(self, path)
+        self.write_exr_as(path, MapEncoding::default())
     }
 
-    /// Reads a map that [`Self::write_exr`] or another tool wrote with the same channel names.
+    /// As [`Self::write_exr`], with the pixels laid out as told.
     ///
     /// # Errors
-    /// When the file is missing or not OpenEXR, lacks a channel, or a texel holds a value that is not finite.
+    /// As [`Self::write_exr`].
+    pub fn write_exr_as(&self, path: &Path, encoding: MapEncoding) -> Result<(), FormatError> {
+        map_exr::write(self, path, encoding)
+    }
+
+    /// Reads a map that [`Self::write_exr`] or another tool wrote with the same channel names. R, G and B are passed over.
+    ///
+    /// # Errors
+    /// [`FormatError::Invalid`] that names the file, when it is missing or not OpenEXR, lacks a channel, or as [`Self::check`].
     pub fn read_exr(path: &Path) -> Result<Self, FormatError> {
         map_exr::read(path)
+    }
+
+    /// Refuses coefficients that no reflectance has: numbers that are not finite, a negative ρ_d, ρ_s, n, f0 or f90, an α that is
+    /// not above 0, a normal longer than 1.
+    ///
+    /// # Errors
+    /// [`FormatError::Invalid`] with the channel and the texel.
+    pub fn check(&self) -> Result<(), FormatError> {
+        map_exr::check(self)
     }
 }
 

@@ -62,7 +62,8 @@ pub struct MeasuredTable {
 }
 
 impl MeasuredTable {
-    /// Reads a table: MERL's where the name ends in `.binary`, ALTA's text where the file starts with a header in capitals, else Cornell's.
+    /// Reads a table: MERL's where the name ends in `.binary`, ALTA's, text or binary, where lines of its header begin the file, else
+    /// Cornell's.
     ///
     /// # Errors
     /// When the file is missing, or as [`Self::parse`]; the sentence names the file.
@@ -70,14 +71,10 @@ impl MeasuredTable {
         let named =
             |error: &dyn std::fmt::Display| FormatError::Invalid(format!("{}: {error}", path.display()));
         let bytes = std::fs::read(path).map_err(|error| named(&format!("cannot be read: {error}")))?;
-        if path.extension().is_some_and(|extension| extension == "binary") {
+        if path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("binary")) {
             return merl::parse(&bytes).map_err(|error| named(&error));
         }
-        let text = std::str::from_utf8(&bytes).map_err(|error| {
-            let line = 1 + bytes[..error.valid_up_to()].iter().filter(|&&byte| byte == b'\n').count();
-            named(&format!("line {line}: not text (only MERL tables, named .binary, are not)"))
-        })?;
-        Self::parse(text).map_err(|error| named(&error))
+        Self::parse_bytes(&bytes).map_err(|error| named(&error))
     }
 
     /// Parses the text of a `.brdf` file: the number of wavelengths, the wavelengths in nm, then rows
@@ -85,10 +82,27 @@ impl MeasuredTable {
     ///
     /// # Errors
     /// A sentence with the line, and the row where there is one, for: no or too many wavelengths, something that is not a
-    /// number, NaN or infinity, an angle outside the hemisphere, a value too negative for noise, a last row cut short.
-    /// A text that starts with `#` and a capital letter is taken for ALTA's format.
+    /// number, NaN or infinity, an angle outside the hemisphere, a value too negative for noise or too large for a reflectance, a last
+    /// row cut short. A text that begins with lines of ALTA's header is taken for ALTA's format.
     pub fn parse(text: &str) -> Result<Self, FormatError> {
-        if alta::is_alta(text) { alta::parse(text) } else { parse::parse(text) }
+        Self::parse_bytes(text.as_bytes())
+    }
+
+    /// Parses the bytes of a file that is not MERL's.
+    fn parse_bytes(bytes: &[u8]) -> Result<Self, FormatError> {
+        // The mark that Windows' editors put before text in UTF-8.
+        let bytes = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes);
+        if alta::is_alta(bytes) {
+            return alta::parse(bytes);
+        }
+        let text = std::str::from_utf8(bytes).map_err(|error| {
+            let line = 1 + bytes[..error.valid_up_to()].iter().filter(|&&byte| byte == b'\n').count();
+            parse::invalid(
+                line,
+                "not text (only MERL tables, named .binary, and ALTA's with #FORMAT binary are not)",
+            )
+        })?;
+        parse::parse(text)
     }
 
     /// The values of every row at one wavelength, interpolated linearly between the two nearest measured ones, sr⁻¹.
@@ -117,6 +131,15 @@ impl MeasuredTable {
         let (r, g, b) = (r?, g?, b?);
         Ok((0..r.len()).map(|k| Rgb::new(r[k] as f32, g[k] as f32, b[k] as f32)).collect())
     }
+}
+
+/// Unit vectors toward the light and toward the view by half and difference angles (Rusinkiewicz 1998): the difference (θ_d, φ_d),
+/// turned with the half vector's (θ_h, φ_h).
+fn half_angles(theta_h: f64, phi_h: f64, theta_d: f64, phi_d: f64) -> [DVec3; 2] {
+    let difference = direction(theta_d, phi_d);
+    // About y by θ_h, which takes z to the half vector at azimuth 0, then about z by φ_h.
+    let turn = glam::DQuat::from_rotation_z(phi_h) * glam::DQuat::from_rotation_y(theta_h);
+    [difference, DVec3::new(-difference.x, -difference.y, difference.z)].map(|d| turn * d)
 }
 
 /// A table of rows with one value, or with red, green and blue.

@@ -34,8 +34,8 @@ pub fn replace(map: &SbrdfMap, photo: &Photo) -> Result<SbrdfMap> {
     let indices: Vec<usize> = (0..photo.pixels.len()).map(from).collect();
     let mut replaced = gather(map, photo.width, photo.height, &indices);
     replaced.rho_d = photo.pixels.iter().map(|&pixel| pixel * scale.as_vec3()).collect();
-    // The fit's figures were those of the diffuse channel that is gone.
-    replaced.extra.clear();
+    // The fit's figures were those of the diffuse channel that is gone; where the material is, stays.
+    replaced.extra.retain(|name, _| name == super::ALPHA);
     Ok(replaced)
 }
 
@@ -56,7 +56,7 @@ mod tests {
 
     fn photo(width: usize, height: usize) -> Photo {
         let pixels = (0..width * height).map(|k| Rgb::new(0.1, 0.2, 0.4) * (1 + k) as f32).collect();
-        Photo { width, height, pixels }
+        Photo { width, height, pixels, alpha: None }
     }
 
     #[test]
@@ -80,8 +80,19 @@ mod tests {
                 "{text}"
             );
         }
-        let dark = Photo { width: 2, height: 1, pixels: vec![Rgb::new(0.5, 0.0, 0.5); 2] };
+        let pixels = vec![Rgb::new(0.5, 0.0, 0.5); 2];
+        let dark = Photo { width: 2, height: 1, pixels, alpha: None };
         assert!(replace(&map(), &dark).unwrap_err().to_string().contains("no green light"));
+    }
+
+    #[test]
+    fn where_the_material_is_cut_out_stays_and_figures_of_the_fit_go() {
+        let mut map = map();
+        map.extra.insert("alpha".into(), vec![0.0, 1.0]);
+        map.extra.insert("error.rms".into(), vec![0.1; 2]);
+        let replaced = replace(&map, &photo(4, 2)).unwrap();
+        assert_eq!(replaced.extra["alpha"], [0.0, 0.0, 1.0, 1.0, 0.0, 0.0, 1.0, 1.0]);
+        assert_eq!(replaced.extra.len(), 1);
     }
 
     #[test]

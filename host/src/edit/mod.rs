@@ -17,6 +17,9 @@ pub mod tile;
 use crate::error::{Error, Result};
 use crate::reflectance::{LobePlane, MicrofacetPlane, SbrdfMap};
 
+/// The plane of a map that says where its material is: 1 there, 0 where it is cut out.
+pub const ALPHA: &str = "alpha";
+
 /// A map whose texels are those of `map` with the given indices, further planes and attributes included.
 ///
 /// # Panics

@@ -157,7 +157,7 @@ pub fn write_index(path: &Path, width: usize, height: usize, index: &[u8], entri
 /// # Errors
 /// Input errors: a file that is no picture, or a pixel whose colour is no swatch.
 pub fn apply(index: &Path, entries: &[Entry]) -> Result<SbrdfMap> {
-    let image = super::picture::decode(index)?.to_rgb8();
+    let image = crate::picture_file::decode(index)?.to_rgb8();
     let (width, height) = (image.width() as usize, image.height() as usize);
     let lobes = entries.iter().map(|entry| entry.brdf.lobes.len()).max().unwrap_or(0);
     let mut map = SbrdfMap::new(width, height, lobes);

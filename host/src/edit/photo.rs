@@ -53,7 +53,7 @@ impl Recipe {
     }
 }
 
-/// The map of a photograph, whose linear colour is the diffuse albedo.
+/// The map of a photograph, whose linear colour is the diffuse albedo; it is cut out where the photograph is transparent.
 ///
 /// # Errors
 /// As [`Recipe::check`].
@@ -77,7 +77,11 @@ pub fn from_photo(photo: &Photo, recipe: &Recipe, seed: u64) -> Result<SbrdfMap>
             }
         })
         .collect();
-    Ok(SbrdfMap::from_texels(photo.width, photo.height, &texels))
+    let mut map = SbrdfMap::from_texels(photo.width, photo.height, &texels);
+    if let Some(alpha) = &photo.alpha {
+        map.extra.insert(super::ALPHA.into(), alpha.clone());
+    }
+    Ok(map)
 }
 
 /// The luminance below which the given percentage of the pixels lies.
@@ -96,7 +100,7 @@ mod tests {
     fn wood() -> Photo {
         let pixels =
             (0..1000).map(|k| Rgb::new(0.6, 0.3, 0.1) * (0.2 + 0.8 * (k % 100) as f32 / 100.0)).collect();
-        Photo { width: 40, height: 25, pixels }
+        Photo { width: 40, height: 25, pixels, alpha: None }
     }
 
     #[test]

@@ -3,6 +3,8 @@
 use std::path::Path;
 
 use crate::error::{Error, Result};
+use crate::picture_file;
+use crate::radiance_file::{self, Radiance};
 use crate::reflectance::{Rgb, colour};
 use crate::render::Picture;
 
@@ -13,29 +15,62 @@ pub struct Photo {
     pub width: usize,
     /// Rows.
     pub height: usize,
-    /// Colours.
+    /// Colours, none of them negative.
     pub pixels: Vec<Rgb>,
+    /// Opacity a pixel, where the picture has transparency.
+    pub alpha: Option<Vec<f32>>,
 }
 
 impl Photo {
-    /// Reads a PNG or JPEG, which is taken as sRGB, or an OpenEXR or a Radiance HDR, which are linear.
+    /// Reads a PNG or JPEG, which is taken as sRGB and turned upright as its EXIF says, or an OpenEXR or a Radiance HDR, which are
+    /// linear. Negative values, which lossy compression and other primaries leave, are taken as 0.
     ///
     /// # Errors
-    /// Input errors for a file that is missing or of another kind.
+    /// Input errors for a file that is missing or of another kind, has a colour profile other than sRGB's, or holds a value that is not
+    /// finite (which pixel is named).
     pub fn read(path: &Path) -> Result<Self> {
-        if path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("exr")) {
+        let mut photo = if path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("exr")) {
             let Picture { width, height, pixels } = Picture::read_exr(path)?;
-            return Ok(Self { width, height, pixels: pixels.iter().map(|pixel| pixel.truncate()).collect() });
-        }
-        let image = decode(path)?;
-        let linear = matches!(image.color(), image::ColorType::Rgb32F | image::ColorType::Rgba32F);
-        let image = image.to_rgb32f();
-        let colour = |pixel: &image::Rgb<f32>| {
-            Rgb::from_array(if linear { pixel.0 } else { pixel.0.map(colour::srgb_decode) })
+            let pixels = pixels.iter().map(|pixel| pixel.truncate()).collect();
+            Self { width, height, pixels, alpha: None }
+        } else if begins_as_radiance(path)? {
+            let Radiance { width, height, pixels } = radiance_file::read(path)?;
+            Self { width, height, pixels, alpha: None }
+        } else {
+            Self::encoded(path)?
         };
-        let (width, height) = (image.width() as usize, image.height() as usize);
-        Ok(Self { width, height, pixels: image.pixels().map(colour).collect() })
+        if let Some(k) = photo.pixels.iter().position(|pixel| !pixel.is_finite()) {
+            let (x, y) = (k % photo.width, k / photo.width);
+            let message = format!("pixel ({x}, {y}) is {}, which is not finite", photo.pixels[k]);
+            return Err(Error::input(message).at(path.display()));
+        }
+        photo.pixels.iter_mut().for_each(|pixel| *pixel = pixel.max(Rgb::ZERO));
+        Ok(photo)
     }
+
+    /// A PNG or JPEG.
+    fn encoded(path: &Path) -> Result<Self> {
+        let (image, profile) = picture_file::decode_with_profile(path)?;
+        if profile.is_some_and(|profile| picture_file::is_srgb(&profile) == Some(false)) {
+            let message = "its colour profile is not sRGB's; convert it to sRGB, or to linear OpenEXR";
+            return Err(Error::reading(path, message));
+        }
+        let alpha =
+            image.color().has_alpha().then(|| image.to_rgba32f().pixels().map(|pixel| pixel[3]).collect());
+        let image = image.to_rgb32f();
+        let colour = |pixel: &image::Rgb<f32>| Rgb::from_array(pixel.0.map(colour::srgb_decode));
+        let (width, height) = (image.width() as usize, image.height() as usize);
+        Ok(Self { width, height, pixels: image.pixels().map(colour).collect(), alpha })
+    }
+}
+
+/// Whether a file begins as a Radiance picture, whatever its name.
+fn begins_as_radiance(path: &Path) -> Result<bool> {
+    use std::io::Read as _;
+    let mut begin = Vec::new();
+    let file = std::fs::File::open(path).map_err(|error| Error::reading(path, error))?;
+    file.take(2).read_to_end(&mut begin).map_err(|error| Error::reading(path, error))?;
+    Ok(radiance_file::is_radiance(&begin))
 }
 
 /// The share of the second map a texel: 0 black to 1 white.
@@ -55,22 +90,10 @@ impl Mask {
     /// # Errors
     /// Input errors for a file that is missing or of another kind.
     pub fn read(path: &Path) -> Result<Self> {
-        let image = decode(path)?.to_luma16();
+        let image = picture_file::decode(path)?.to_luma16();
         let share = image.pixels().map(|pixel| f32::from(pixel.0[0]) / f32::from(u16::MAX)).collect();
         Ok(Self { width: image.width() as usize, height: image.height() as usize, share })
     }
-}
-
-/// Decodes a PNG, JPEG or Radiance HDR, whatever its name ends in.
-///
-/// # Errors
-/// Input errors for a file that is missing or of another kind.
-pub(super) fn decode(path: &Path) -> Result<image::DynamicImage> {
-    image::ImageReader::open(path)
-        .and_then(image::ImageReader::with_guessed_format)
-        .map_err(|error| Error::reading(path, error))?
-        .decode()
-        .map_err(|error| Error::reading(path, error))
 }
 
 #[cfg(test)]
@@ -98,6 +121,37 @@ mod tests {
         let photo = Photo::read(&path).unwrap();
         assert_eq!((photo.width, photo.height), (3, 2));
         assert_eq!(photo.pixels[5], Rgb::new(2.0, 0.25, 1.0));
+    }
+
+    #[test]
+    fn a_photograph_that_would_make_a_broken_map_is_refused_and_negative_values_are_black() {
+        let cases = Path::new(env!("CARGO_MANIFEST_DIR")).join("../tests/cases");
+        let error = Photo::read(&cases.join("exr/nan.exr")).unwrap_err();
+        let text = error.to_string();
+        assert!(
+            error.exit_code() == 2 && text.contains("nan.exr: pixel (") && text.contains("not finite"),
+            "{text}"
+        );
+        let map = Photo::read(&cases.join("map/negative-n.exr")).unwrap_err().to_string();
+        assert!(map.contains("no channels R, G and B") || map.contains("is an SBRDF map"), "{map}");
+        // Saturated colours of other primaries lie outside Rec. 709.
+        let aces = Photo::read(&cases.join("exr/ap0.exr")).unwrap();
+        assert!(aces.pixels.iter().all(|pixel| pixel.min_element() >= 0.0));
+        let plain = Photo::read(&cases.join("hdr/plain.hdr")).unwrap();
+        let scaled = Photo::read(&cases.join("hdr/exposure.hdr")).unwrap();
+        assert!(
+            (plain.pixels[40] - scaled.pixels[40]).abs().max_element()
+                < 0.01 * plain.pixels[40].max_element()
+        );
+    }
+
+    #[test]
+    fn a_map_is_no_photograph_though_it_has_a_view_in_r_g_and_b() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("map.exr");
+        crate::reflectance::SbrdfMap::new(2, 2, 1).write_exr(&path).unwrap();
+        let text = Photo::read(&path).unwrap_err().to_string();
+        assert!(text.contains("map.exr") && text.contains("is an SBRDF map and no picture"), "{text}");
     }
 
     #[test]

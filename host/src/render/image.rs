@@ -7,7 +7,7 @@ use glam::Vec4;
 
 use crate::error::{Error, Result};
 use crate::files;
-use crate::reflectance::{Rgb, colour};
+use crate::reflectance::{Rgb, colour, exr_file};
 
 /// Luminance that tone mapping takes to full white.
 const WHITE: f32 = 3.0;
@@ -56,8 +56,17 @@ impl Picture {
     /// Writes a linear `.exr` (f32 RGBA) or a tone-mapped `.png`, whole or not at all.
     ///
     /// # Errors
-    /// Input errors for another extension, failures of the disk.
+    /// Input errors for another extension, failures of the disk and for a pixel that is not a number, which is named.
     pub fn write(&self, path: &Path, exposure: f32) -> Result<()> {
+        if let Some(k) = self.pixels.iter().position(|pixel| !pixel.is_finite()) {
+            let (x, y) = (k % self.width, k / self.width);
+            let message = format!(
+                "{}: pixel ({x}, {y}) came out as {}; look for a light or a coefficient there that is far too large",
+                path.display(),
+                self.pixels[k].truncate()
+            );
+            return Err(Error::failure(message));
+        }
         match picture_kind(path) {
             Some(PictureKind::Exr) => self.write_exr(path),
             Some(PictureKind::Png) => files::write_bytes(path, &self.png(exposure)?),
@@ -65,25 +74,48 @@ impl Picture {
         }
     }
 
-    /// Reads an OpenEXR picture; coverage is 1 where it has no alpha.
+    /// Reads an OpenEXR picture in Rec. 709; coverage is 1 where it has no alpha. What lies outside its data window is 0, and other
+    /// primaries are converted where the file names them.
     ///
     /// # Errors
-    /// Input errors for a file that is missing or has no channels R, G and B.
+    /// Input errors for a file that is missing, has no channels R, G and B or Y, or is an SBRDF map.
     pub fn read_exr(path: &Path) -> Result<Self> {
-        let image = exr::prelude::read_first_rgba_layer_from_file(
-            path,
-            |size, _| (size.width(), vec![Vec4::ZERO; size.width() * size.height()]),
-            |(width, pixels), position, (r, g, b, a): (f32, f32, f32, f32)| {
-                pixels[position.y() * *width + position.x()] = Vec4::new(r, g, b, a);
-            },
-        )
-        .map_err(|error| Error::reading(path, error))?;
-        let size = image.layer_data.size;
-        Ok(Self {
-            width: size.width(),
-            height: size.height(),
-            pixels: image.layer_data.channel_data.pixels.1,
+        Ok(Self::read_exr_layer(path)?.0)
+    }
+
+    /// As [`Self::read_exr`], and whether the picture is the six faces of a cube.
+    ///
+    /// # Errors
+    /// As [`Self::read_exr`].
+    pub(crate) fn read_exr_layer(path: &Path) -> Result<(Self, bool)> {
+        let layer = exr_file::read(path, "channels R, G and B", |names| {
+            let has = |wanted: &[&str]| wanted.iter().all(|name| names.contains(name));
+            // Of a map R, G and B are only a view.
+            let map = has(&["rho_d.R"]).then(Vec::new);
+            let colour = || has(&["R", "G", "B"]).then(|| vec!["R", "G", "B"]);
+            let grey = || has(&["Y"]).then(|| vec!["Y"]);
+            let found = map.or_else(colour).or_else(grey)?;
+            let alpha = names.contains(&"A").then_some("A");
+            Some(found.into_iter().chain(alpha).map(String::from).collect())
         })
+        .map_err(Error::format)?;
+        let plane = |name: &str| layer.channels.get(name);
+        let planes = [("R", "Y"), ("G", "Y"), ("B", "Y")].map(|(colour, grey)| plane(colour).or(plane(grey)));
+        let [Some(red), Some(green), Some(blue)] = planes else {
+            return Err(Error::reading(
+                path,
+                "it is an SBRDF map and no picture; render a scene that names it",
+            ));
+        };
+        let matrix = layer.primaries.map_or(Some(glam::Mat3::IDENTITY), |primaries| primaries.to_rec709());
+        let matrix = matrix.ok_or_else(|| Error::reading(path, "its chromaticities span no colour space"))?;
+        let pixel = |k: usize| {
+            let colour = Rgb::new(red[k], green[k], blue[k]);
+            let colour = if matrix == glam::Mat3::IDENTITY { colour } else { matrix * colour };
+            colour.extend(plane("A").map_or(1.0, |alpha| alpha[k]))
+        };
+        let pixels = (0..red.len()).map(pixel).collect();
+        Ok((Self { width: layer.width, height: layer.height, pixels }, layer.cube))
     }
 
     /// Linear OpenEXR.
@@ -138,6 +170,17 @@ mod tests {
         let environment = crate::scene::Environment::read(&path).unwrap();
         assert_eq!(environment.pixels[5], Rgb::new(5.0, 0.5, 1e-3));
         assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 1);
+    }
+
+    #[test]
+    fn a_pixel_that_is_not_a_number_is_named_and_nothing_is_written() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("picture.png");
+        let mut picture = example();
+        picture.pixels[4].y = f32::NAN;
+        let error = picture.write(&path, 1.0).unwrap_err();
+        assert!(error.exit_code() == 1 && error.to_string().contains("pixel (1, 1)"), "{error}");
+        assert!(!path.exists());
     }
 
     #[test]

@@ -9,10 +9,11 @@ use std::sync::Arc;
 use glam::{DVec2, DVec3};
 use half::f16;
 use rayon::prelude::*;
-use zarrs::array::{Array, ArrayBuilder, CodecOptions, DataType, Element, FillValue, data_type};
+use zarrs::array::{ArrayBuilder, CodecOptions, DataType, Element, FillValue, data_type};
 use zarrs::filesystem::FilesystemStore;
-use zarrs::group::{Group, GroupBuilder};
+use zarrs::group::GroupBuilder;
 
+use super::zarr::ZarrArray;
 use super::{PoseGeometry, SampledSbrdf};
 use crate::acquire::sha256;
 use crate::error::{Error, Result};
@@ -127,8 +128,6 @@ impl Window {
 
     /// From the middle of columns × rows to that of the window, texels along x and y.
     pub fn offset(&self, [width, height]: [usize; 2]) -> DVec2 {
-        let middle =
-            |range: &Range<usize>, whole: usize| (range.start + range.end) as f64 / 2.0 - whole as f64 / 2.0;
         DVec2::new(middle(&self.x, width), -middle(&self.y, height))
     }
 }
@@ -136,8 +135,8 @@ impl Window {
 /// A store whose samples are read window by window; the poses are in memory.
 pub struct SampledStore {
     path: PathBuf,
-    array: Array<FilesystemStore>,
-    sigma: Option<Array<FilesystemStore>>,
+    array: ZarrArray<4>,
+    sigma: Option<ZarrArray<4>>,
     /// Texels a row.
     pub width: usize,
     /// Rows.
@@ -151,28 +150,25 @@ pub struct SampledStore {
 }
 
 impl SampledStore {
-    /// Opens a store that [`SampledSbrdf::write_zarr`] or another Zarr v3 writer made.
+    /// Opens a store that [`SampledSbrdf::write_zarr`] or another Zarr v3 writer made, compressed by zstd or gzip or not. A pose whose
+    /// light or camera is not known (NaN) has the weight 0.
     ///
     /// # Errors
     /// Input errors for a folder that is no such store, whose shapes disagree or that lacks a chunk.
     pub fn open(path: &Path) -> Result<Self> {
-        if !path.join("zarr.json").is_file() {
-            return Err(Error::input(format!(
-                "{}: not a Zarr v3 store: it has no zarr.json",
-                path.display()
-            )));
+        if !path.exists() {
+            return Err(Error::input(format!("{}: there is no such store", path.display())));
         }
-        open_store(path).map_err(|error| match error {
-            StoreError::Layout(message) => Error::input(format!("{}: {message}", path.display())),
-            StoreError::Zarr(error) => Error::reading(path, error),
-        })
+        if !path.join("zarr.json").is_file() {
+            let message = "not a Zarr v3 store: it has no zarr.json";
+            return Err(Error::input(format!("{}: {message}", path.display())));
+        }
+        open_store(path).map_err(|message| Error::input(format!("{}: {message}", path.display())))
     }
 
     /// Columns and rows of a chunk of the samples.
     pub fn block_size(&self) -> [usize; 2] {
-        let shape = self.array.chunk_shape(&[0; 4]).ok();
-        let edge = |axis: usize| shape.as_ref().map_or(BLOCK, |shape| shape[axis].get() as usize);
-        [edge(1), edge(0)]
+        [self.array.chunk[1], self.array.chunk[0]]
     }
 
     /// The store's chunks as windows, row by row.
@@ -201,20 +197,11 @@ impl SampledStore {
     /// # Errors
     /// When a chunk cannot be read or is no longer there.
     pub fn read(&self, window: &Window, sigma: bool) -> Result<SampledSbrdf> {
-        let [columns, rows] = self.block_size();
-        let chunks =
-            |range: &Range<usize>, edge: usize| (range.start / edge) as u64..range.end.div_ceil(edge) as u64;
+        let ranges = [window.y.clone(), window.x.clone(), 0..self.poses.len(), 0..3];
+        let reading = |message| Error::input(format!("{}: {message}", self.path.display()));
+        let reflectance = self.array.read(&ranges, |value| value as f32).map_err(reading)?;
         let sigma = self.sigma.as_ref().filter(|_| sigma);
-        for array in std::iter::once(&self.array).chain(sigma) {
-            chunks_are_there(&self.path, array, chunks(&window.y, rows), chunks(&window.x, columns))
-                .map_err(|message| Error::input(format!("{}: {message}", self.path.display())))?;
-        }
-        let range = |range: &Range<usize>| range.start as u64..range.end as u64;
-        let subset = [range(&window.y), range(&window.x), 0..self.poses.len() as u64, 0..3];
-        let reading = |error| Error::reading(&self.path, error);
-        let reflectance: Vec<f32> = self.array.retrieve_array_subset(&subset).map_err(reading)?;
-        let sigma = sigma.map(|array| array.retrieve_array_subset(&subset)).transpose();
-        let sigma: Option<Vec<f16>> = sigma.map_err(reading)?;
+        let sigma = sigma.map(|array| array.read(&ranges, f16::from_f64)).transpose().map_err(reading)?;
         Ok(SampledSbrdf {
             width: window.x.len(),
             height: window.y.len(),
@@ -239,20 +226,6 @@ impl SampledStore {
         let bytes: Vec<u8> =
             numbers.chain(self.poses.iter().flat_map(of)).flat_map(f64::to_le_bytes).collect();
         sha256(&bytes)
-    }
-}
-
-/// What can go wrong inside a store.
-enum StoreError {
-    /// It is Zarr, but not a sampled SBRDF.
-    Layout(String),
-    /// Zarr's own error.
-    Zarr(Box<dyn std::error::Error>),
-}
-
-impl<E: std::error::Error + 'static> From<E> for StoreError {
-    fn from(error: E) -> Self {
-        Self::Zarr(Box::new(error))
     }
 }
 
@@ -348,107 +321,77 @@ fn write_small(
     Ok(())
 }
 
-fn open_store(path: &Path) -> std::result::Result<SampledStore, StoreError> {
-    let store = Arc::new(FilesystemStore::new(path)?);
-    let root = Group::open(store.clone(), "/")?;
-    let layout = root.attributes().get(LAYOUT_KEY).and_then(serde_json::Value::as_u64);
-    if layout != Some(LAYOUT) {
-        let message = "not a sampled SBRDF of this version (attribute lobelia_layout is not 1)";
-        return Err(StoreError::Layout(message.into()));
+fn open_store(path: &Path) -> std::result::Result<SampledStore, String> {
+    let root =
+        fs::read(path.join("zarr.json")).map_err(|error| format!("zarr.json cannot be read: {error}"))?;
+    let root: serde_json::Value =
+        serde_json::from_slice(&root).map_err(|error| format!("zarr.json: {error}"))?;
+    let attribute = |name: &str| root.get("attributes").and_then(|attributes| attributes.get(name));
+    if attribute(LAYOUT_KEY).and_then(serde_json::Value::as_u64) != Some(LAYOUT) {
+        return Err("not a sampled SBRDF of this version (attribute lobelia_layout is not 1)".into());
     }
-    let texel_mm = root.attributes().get("texel_mm").and_then(serde_json::Value::as_f64);
-    let texel_mm = texel_mm.ok_or_else(|| StoreError::Layout("lacks the attribute texel_mm".into()))?;
+    let texel_mm = attribute("texel_mm").and_then(serde_json::Value::as_f64);
+    let texel_mm = texel_mm.filter(|edge| edge.is_finite() && *edge > 0.0);
+    let texel_mm = texel_mm.ok_or("lacks the attribute texel_mm, a positive number")?;
 
-    let offset_texels = match root.attributes().get(OFFSET_KEY) {
+    let offset_texels = match attribute(OFFSET_KEY) {
         None => DVec2::ZERO,
         Some(value) => serde_json::from_value::<[f64; 2]>(value.clone())
             .map(DVec2::from)
-            .map_err(|_| StoreError::Layout(format!("its attribute {OFFSET_KEY} is not two numbers")))?,
+            .map_err(|_| format!("its attribute {OFFSET_KEY} is not two numbers"))?,
     };
-
-    let array = Array::open(store.clone(), "/reflectance")?;
-    let shape: Vec<usize> = array.shape().iter().map(|&n| n as usize).collect();
-    let &[height, width, poses, 3] = shape.as_slice() else {
-        return Err(StoreError::Layout(format!(
-            "reflectance has the shape {shape:?}, must be [y, x, pose, 3]"
-        )));
-    };
-    require_type(&array, "reflectance", &data_type::float32())?;
-    let sigma = match path.join("sigma").exists() {
-        true => Some(Array::open(store.clone(), "/sigma")?),
-        false => None,
-    };
-    if let Some(sigma) = &sigma {
-        require_type(sigma, "sigma", &data_type::float16())?;
-        let alike = sigma.shape() == array.shape() && sigma.chunk_grid_shape() == array.chunk_grid_shape();
-        if !alike {
-            return Err(StoreError::Layout("sigma has not the shape and the chunks of reflectance".into()));
-        }
+    let array: ZarrArray<4> = ZarrArray::open(path, "reflectance")?;
+    let [height, width, poses, colours] = array.shape;
+    if colours != 3 || width == 0 || height == 0 {
+        return Err(format!(
+            "reflectance has the shape {:?}, must be [y, x, pose, 3] with a texel at least",
+            array.shape
+        ));
     }
-    let grid = array.chunk_grid_shape();
+    if array.shape.iter().try_fold(1usize, |count, &edge| count.checked_mul(edge)).is_none() {
+        return Err(format!("reflectance has the shape {:?}, more than any store holds", array.shape));
+    }
+    let sigma = path.join("sigma").exists().then(|| ZarrArray::open(path, "sigma")).transpose()?;
+    if sigma.as_ref().is_some_and(|sigma| sigma.shape != array.shape) {
+        return Err("sigma has not the shape of reflectance".into());
+    }
     for array in std::iter::once(&array).chain(&sigma) {
-        chunks_are_there(path, array, 0..grid[0], 0..grid[1]).map_err(StoreError::Layout)?;
+        array.chunks_are_there(&array.shape.map(|edge| 0..edge))?;
     }
-    let light = read_small(&store, "light_position_mm", &[poses, 3])?;
-    let camera = read_small(&store, "camera_position_mm", &[poses, 3])?;
-    let weight = read_small(&store, "weight", &[poses])?;
-    let poses = (0..poses)
-        .map(|pose| PoseGeometry {
-            light_mm: DVec3::from_slice(&light[3 * pose..]),
-            camera_mm: DVec3::from_slice(&camera[3 * pose..]),
-            weight: weight[pose],
-        })
-        .collect();
-    let path = path.to_path_buf();
-    Ok(SampledStore { path, array, sigma, width, height, texel_mm, offset_texels, poses })
-}
-
-/// Zarr reads a chunk that is not there as its fill value; here that would be a block of texels lost without a word. Checks the
-/// given rows and columns of the grid of chunks.
-fn chunks_are_there(
-    path: &Path,
-    array: &Array<FilesystemStore>,
-    rows: Range<u64>,
-    columns: Range<u64>,
-) -> std::result::Result<(), String> {
-    let grid = array.chunk_grid_shape();
-    let (poses, colours) = (grid[2], grid[3]);
-    for row in rows {
-        for column in columns.clone() {
-            for rest in 0..poses * colours {
-                let key = array.chunk_key(&[row, column, rest / colours, rest % colours]);
-                if !path.join(key.as_str()).is_file() {
-                    return Err(format!("the chunk {} is missing", key.as_str()));
-                }
-            }
+    let light = read_small(path, "light_position_mm", [poses, 3])?;
+    let camera = read_small(path, "camera_position_mm", [poses, 3])?;
+    let weight = read_small(path, "weight", [poses])?;
+    if let Some(pose) = weight.iter().position(|&weight| weight < 0.0 || weight.is_infinite()) {
+        return Err(format!(
+            "the weight of pose {pose} is {}; it must be a number of 0 or more",
+            weight[pose]
+        ));
+    }
+    let pose = |pose: usize| {
+        let [light_mm, camera_mm] = [&light, &camera].map(|places| DVec3::from_slice(&places[3 * pose..]));
+        let known = light_mm.is_finite() && camera_mm.is_finite() && !weight[pose].is_nan();
+        // Of a pose that is not known nothing may be computed: it counts as one that was rejected.
+        let placed = |place: DVec3| if place.is_finite() { place } else { DVec3::Z * 1000.0 };
+        PoseGeometry {
+            light_mm: placed(light_mm),
+            camera_mm: placed(camera_mm),
+            weight: if known { weight[pose] } else { 0.0 },
         }
-    }
-    Ok(())
+    };
+    let poses = (0..poses).map(pose).collect();
+    Ok(SampledStore { path: path.to_path_buf(), array, sigma, width, height, texel_mm, offset_texels, poses })
 }
 
-fn require_type(
-    array: &Array<FilesystemStore>,
+fn read_small<const N: usize>(
+    path: &Path,
     name: &str,
-    wanted: &DataType,
-) -> std::result::Result<(), StoreError> {
-    if array.data_type() == wanted {
-        return Ok(());
+    shape: [usize; N],
+) -> std::result::Result<Vec<f64>, String> {
+    let array: ZarrArray<N> = ZarrArray::open(path, name)?;
+    if array.shape != shape {
+        return Err(format!("{name} has the shape {:?}, must be {shape:?}", array.shape));
     }
-    Err(StoreError::Layout(format!("{name} holds {:?}, must hold {wanted:?}", array.data_type())))
-}
-
-fn read_small(
-    store: &Arc<FilesystemStore>,
-    name: &str,
-    shape: &[usize],
-) -> std::result::Result<Vec<f64>, StoreError> {
-    let array = Array::open(store.clone(), &format!("/{name}"))?;
-    let has: Vec<usize> = array.shape().iter().map(|&n| n as usize).collect();
-    if has != shape {
-        return Err(StoreError::Layout(format!("{name} has the shape {has:?}, must be {shape:?}")));
-    }
-    require_type(&array, name, &data_type::float64())?;
-    Ok(array.retrieve_array_subset(&array.subset_all())?)
+    array.read(&shape.map(|edge| 0..edge), |value| value)
 }
 
 #[cfg(test)]
@@ -591,6 +534,28 @@ mod tests {
         fs::write(folder.path().join("thesis.txt"), "years of work").unwrap();
         assert_eq!(example().write_zarr(folder.path()).unwrap_err().exit_code(), 2);
         assert!(folder.path().join("thesis.txt").is_file());
+    }
+
+    fn case(name: &str) -> PathBuf {
+        Path::new(env!("CARGO_MANIFEST_DIR")).join("../tests/cases/zarr").join(name)
+    }
+
+    #[test]
+    fn a_pose_whose_light_is_not_known_has_no_weight_and_nothing_of_it_is_nan() {
+        let store = SampledStore::open(&case("light-nan.zarr")).unwrap();
+        let without: Vec<usize> = (0..store.poses.len()).filter(|&k| store.poses[k].weight == 0.0).collect();
+        assert_eq!(without.len(), 1);
+        assert!(store.poses.iter().all(|pose| pose.light_mm.is_finite() && pose.camera_mm.is_finite()));
+    }
+
+    #[test]
+    fn stores_without_texels_and_stores_that_are_not_there_are_refused() {
+        for (path, part) in
+            [(case("width0.zarr"), "a texel at least"), (PathBuf::from("no.zarr"), "there is no such store")]
+        {
+            let error = SampledStore::open(&path).map(|_| ()).unwrap_err();
+            assert!(error.exit_code() == 2 && error.to_string().contains(part), "{error}");
+        }
     }
 
     #[test]

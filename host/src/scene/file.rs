@@ -38,7 +38,7 @@
 use std::path::Path;
 use std::sync::Arc;
 
-use glam::{Affine3A, EulerRot, Quat, Vec2, Vec3};
+use glam::{Affine3A, DVec3, EulerRot, Quat, Vec2, Vec3};
 use serde::Deserialize;
 
 use super::{
@@ -78,16 +78,16 @@ struct AnimationFile {
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct KeyFile {
-    position: Vec3,
-    target: Vec3,
+    position: DVec3,
+    target: DVec3,
     fov_deg: Option<f32>,
 }
 
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct CameraFile {
-    position: Vec3,
-    target: Vec3,
+    position: DVec3,
+    target: DVec3,
     #[serde(default = "up")]
     up: Vec3,
     fov_deg: f32,
@@ -112,7 +112,7 @@ struct ObjectFile {
     name: Option<String>,
     mesh: String,
     #[serde(default)]
-    translate: Vec3,
+    translate: DVec3,
     /// Turns about x, then y, then z.
     #[serde(default)]
     rotate_deg: Vec3,
@@ -154,9 +154,9 @@ struct LightFile {
     kind: String,
     toward: Option<Vec3>,
     irradiance: Option<Rgb>,
-    position: Option<Vec3>,
+    position: Option<DVec3>,
     intensity: Option<Rgb>,
-    centre: Option<Vec3>,
+    centre: Option<DVec3>,
     edges: Option<[Vec3; 2]>,
     radiance: Option<Rgb>,
 }
@@ -184,6 +184,12 @@ impl Scene {
     /// # Errors
     /// Input errors that name the file and the line or the key.
     pub fn read(path: &Path) -> Result<Self> {
+        if let Some(what) = other_file(path) {
+            return Err(Error::input(format!(
+                "{}: {what}, not a scene; a scene is a .toml file that names it (lobelia template scene prints one)",
+                path.display()
+            )));
+        }
         let file: SceneFile = toml_file::read(path)?;
         let folder = path.parent().unwrap_or(Path::new(""));
         build(file, folder).map_err(|error| error.at(path.display()))
@@ -209,30 +215,47 @@ impl Scene {
     }
 }
 
+/// What a file is by its name's ending, where that cannot be a scene.
+fn other_file(path: &Path) -> Option<&'static str> {
+    Some(match path.extension()?.to_string_lossy().to_lowercase().as_str() {
+        "exr" => "an SBRDF map or a picture",
+        "hdr" | "pic" | "png" | "jpg" | "jpeg" => "a picture",
+        "gltf" | "glb" | "obj" | "ply" => "a mesh",
+        "zarr" => "a sampled SBRDF",
+        _ => return None,
+    })
+}
+
 /// Turns the parsed file into a checked scene.
 fn build(file: SceneFile, folder: &Path) -> Result<Scene> {
     let CameraFile { position, target, up, fov_deg, width, height } = file.camera;
+    let origin = origin(position, target);
+    let local = |point: DVec3| (point - origin).as_vec3();
     let mut objects = Vec::with_capacity(file.object.len());
     for (index, object) in file.object.iter().enumerate() {
         let name = object.name.clone().unwrap_or_else(|| format!("{} {index}", object.mesh));
         let place = format!("object \"{name}\"");
-        let mesh = mesh(&object.mesh, folder).map_err(|error| error.at("key mesh").at(&place))?;
+        let (mesh, middle) = mesh(&object.mesh, folder).map_err(|error| error.at("key mesh").at(&place))?;
         let material =
             material(&object.material, folder).map_err(|error| error.at("key material").at(&place))?;
         let [x, y, z] = object.rotate_deg.to_array().map(f32::to_radians);
         let rotation = Quat::from_euler(EulerRot::ZYX, z, y, x);
-        let transform = Affine3A::from_scale_rotation_translation(object.scale, rotation, object.translate);
+        // Where the mesh's own origin comes to stand, in double precision.
+        let middle = rotation.as_dquat() * (object.scale.as_dvec3() * middle);
+        let translate = local(object.translate + middle);
+        let transform = Affine3A::from_scale_rotation_translation(object.scale, rotation, translate);
         objects.push(Object { name, mesh: Arc::new(mesh), transform, material });
     }
     let mut lights = Vec::with_capacity(file.light.len());
     for (index, entry) in file.light.iter().enumerate() {
-        lights.push(light(entry).map_err(|error| error.at(format!("light {index}")))?);
+        lights.push(light(entry, &local).map_err(|error| error.at(format!("light {index}")))?);
     }
+    let (position, target) = (local(position), local(target));
     let camera = Camera { position, target, up, fov: fov_deg.to_radians(), width, height };
     let animation = file.animation.map(|path| Animation {
         frames: path.frames,
         closed: path.closed,
-        keys: path.key.iter().map(|key| key_view(key, &camera)).collect(),
+        keys: path.key.iter().map(|key| key_view(key, &camera, &local)).collect(),
     });
     let environment = file.environment.map(|entry| environment(&entry, folder)).transpose();
     let scene = Scene {
@@ -248,19 +271,28 @@ fn build(file: SceneFile, folder: &Path) -> Result<Scene> {
     Ok(scene)
 }
 
-/// The camera at a key of its path.
-fn key_view(key: &KeyFile, camera: &Camera) -> Camera {
-    let fov = key.fov_deg.map_or(camera.fov, f32::to_radians);
-    Camera { position: key.position, target: key.target, fov, ..*camera }
+/// What the scene's coordinates are made relative to: the camera's target where it lies so far from 0 that single precision would
+/// blur what the camera sees, else 0.
+fn origin(position: DVec3, target: DVec3) -> DVec3 {
+    /// Distance from 0, in distances from camera to target, up to which coordinates stay.
+    const FAR: f64 = 64.0;
+    if target.length() > FAR * position.distance(target) { target } else { DVec3::ZERO }
 }
 
-/// A procedural shape by name, or a file.
-fn mesh(name: &str, folder: &Path) -> Result<Mesh> {
+/// The camera at a key of its path.
+fn key_view(key: &KeyFile, camera: &Camera, local: &impl Fn(DVec3) -> Vec3) -> Camera {
+    let fov = key.fov_deg.map_or(camera.fov, f32::to_radians);
+    Camera { position: local(key.position), target: local(key.target), fov, ..*camera }
+}
+
+/// A procedural shape by name, or a file; and what its positions are relative to.
+fn mesh(name: &str, folder: &Path) -> Result<(Mesh, DVec3)> {
+    let shape = |mesh| Ok((mesh, DVec3::ZERO));
     match name {
-        "sphere" => Ok(shapes::sphere(192, 96)),
-        "plane" => Ok(shapes::plane(16)),
-        "backdrop" => Ok(shapes::backdrop(64)),
-        "drape" => Ok(shapes::drape(224)),
+        "sphere" => shape(shapes::sphere(192, 96)),
+        "plane" => shape(shapes::plane(16)),
+        "backdrop" => shape(shapes::backdrop(64)),
+        "drape" => shape(shapes::drape(224)),
         file if Path::new(file).extension().is_some() => Mesh::read(&folder.join(file)),
         other => Err(Error::input(format!(
             "there is no shape \"{other}\"; use one of {} or a .gltf, .glb, .obj or .ply file",
@@ -289,7 +321,7 @@ fn material(entry: &MaterialFile, folder: &Path) -> Result<Material> {
     let reflectance = if let Some(file) = &entry.map {
         let path = folder.join(file);
         let read = |path: &Path| {
-            SbrdfMap::read_exr(path).map(Arc::new).map_err(|error| Error::reading(path, error).at("key map"))
+            SbrdfMap::read_exr(path).map(Arc::new).map_err(|error| Error::format(error).at("key map"))
         };
         let map = read(&path)?;
         let files = (1..=mip::last([map.width, map.height])).map(|level| mip::path(&path, level));
@@ -332,7 +364,7 @@ fn published(name: &str) -> Result<LobeBrdf> {
 }
 
 /// A light of a known kind with the keys of that kind and no others.
-fn light(entry: &LightFile) -> Result<Light> {
+fn light(entry: &LightFile, local: &impl Fn(DVec3) -> Vec3) -> Result<Light> {
     let wrong = |needs: &str| Error::input(format!("a {} light has the keys {needs}, no others", entry.kind));
     let vectors = (entry.toward, entry.position, entry.centre, entry.edges);
     let powers = (entry.irradiance, entry.intensity, entry.radiance);
@@ -344,10 +376,10 @@ fn light(entry: &LightFile) -> Result<Light> {
             Ok(Light::Directional { toward, irradiance })
         }
         ("point", (None, Some(position), None, None), (None, Some(intensity), None)) => {
-            Ok(Light::Point { position, intensity })
+            Ok(Light::Point { position: local(position), intensity })
         }
         ("rectangle", (None, None, Some(centre), Some(edges)), (None, None, Some(radiance))) => {
-            Ok(Light::Rectangle { centre, edges, radiance })
+            Ok(Light::Rectangle { centre: local(centre), edges, radiance })
         }
         ("directional", ..) => Err(wrong("toward and irradiance")),
         ("point", ..) => Err(wrong("position and intensity")),
@@ -455,7 +487,7 @@ mod tests {
             ("[environment]\nrotation = 3\n", vec!["line 8", "unknown key `rotation`", "`rotation_deg`"]),
             (
                 "[[object]]\nmesh = \"plane\"\nmaterial.lobes = [{ rho_s = [1, 1, 1], c = [-1, -1, 1], n = -2 }]\n",
-                vec!["plane 0", "n = -2"],
+                vec!["plane 0", "lobe0.n is -2"],
             ),
         ] {
             let error = read(&format!("{CAMERA}{text}")).unwrap_err();
@@ -489,6 +521,54 @@ mod tests {
         write("m.mip2.exr", 1, 1, false);
         let message = Scene::read(&path).unwrap_err().to_string();
         assert!(message.contains("MIP level 2") && message.contains("2 × 1"), "{message}");
+    }
+
+    #[test]
+    fn a_map_or_a_mesh_given_as_a_scene_is_told_what_to_do() {
+        for (name, what) in
+            [("material.exr", "an SBRDF map"), ("ball.GLB", "a mesh"), ("s.zarr", "a sampled SBRDF")]
+        {
+            let error = Scene::open(Path::new(name)).unwrap_err();
+            let text = error.to_string();
+            assert!(error.exit_code() == 2 && text.contains(name) && text.contains(what), "{text}");
+            assert!(text.contains("lobelia template scene"), "{text}");
+        }
+    }
+
+    #[test]
+    fn a_scene_far_from_zero_is_the_same_scene_as_at_zero() {
+        // A millimetre at the coordinates of a land survey: in single precision steps are half a metre there.
+        let folder = tempfile::tempdir().unwrap();
+        let scene = |far: [f64; 3]| {
+            let at =
+                |x: f64, y: f64, z: f64| format!("[{:?}, {:?}, {:?}]", x + far[0], y + far[1], z + far[2]);
+            let obj: String = [[0.0, 0.0], [0.002, 0.0], [0.002, 0.001], [0.0, 0.001]]
+                .iter()
+                .map(|[x, y]| format!("v {:?} {:?} {:?}\n", x + far[0], y + far[1], far[2]))
+                .collect();
+            std::fs::write(folder.path().join("m.obj"), obj + "f 1 2 3 4\n").unwrap();
+            let text = format!(
+                "[camera]\nposition = {}\ntarget = {}\nfov_deg = 40\nwidth = 8\nheight = 6\n\
+                 [[object]]\nmesh = \"m.obj\"\nmaterial.albedo = [0.5, 0.5, 0.5]\n\
+                 [[light]]\nkind = \"point\"\nposition = {}\nintensity = [1, 1, 1]\n",
+                at(0.0, 0.0, 0.01),
+                at(0.0, 0.0, 0.0),
+                at(0.0, 0.005, 0.01)
+            );
+            let path = folder.path().join("scene.toml");
+            std::fs::write(&path, text).unwrap();
+            Scene::read(&path).unwrap()
+        };
+        let (near, far) = (scene([0.0; 3]), scene([4_000_000.25, -700_000.5, 300.125]));
+        let seen = |scene: &Scene| -> Vec<Vec3> {
+            let object = &scene.objects[0];
+            let corners = object.mesh.vertices.iter().map(|v| object.transform.transform_point3(v.position));
+            let Light::Point { position, .. } = scene.lights[0] else { panic!("a point light") };
+            corners.chain([position]).map(|point| point - scene.camera.position).collect()
+        };
+        for (a, b) in seen(&near).into_iter().zip(seen(&far)) {
+            assert!((a - b).length() < 1e-8, "{a} {b}");
+        }
     }
 
     #[test]

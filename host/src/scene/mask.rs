@@ -4,7 +4,8 @@ use std::path::Path;
 
 use glam::Vec2;
 
-use crate::error::{Error, Result};
+use crate::error::Result;
+use crate::picture_file;
 use crate::reflectance::SbrdfMap;
 
 /// Alpha from which on the material is there.
@@ -42,7 +43,7 @@ impl Mask {
     /// # Errors
     /// Input errors for a file that is missing or no picture.
     pub fn read(path: &Path) -> Result<Self> {
-        let picture = image::open(path).map_err(|error| Error::reading(path, error))?;
+        let picture = picture_file::decode(path)?;
         let (width, height) = (picture.width(), picture.height());
         if picture.color().has_alpha() {
             let alpha = picture.to_rgba32f().pixels().map(|pixel| pixel[3]).collect::<Vec<_>>();

@@ -1,7 +1,7 @@
 //! Triangle meshes whose vertices carry what an SBRDF needs: normal, tangent frame, texture coordinates.
 
 use bytemuck::{Pod, Zeroable};
-use glam::{Affine3A, Vec2, Vec3};
+use glam::{Affine3A, DVec3, Vec2, Vec3};
 
 use super::frame;
 use crate::error::{Error, Result};
@@ -31,44 +31,79 @@ pub struct Mesh {
     pub triangles: Vec<[u32; 3]>,
 }
 
-/// A mesh as files hold it: normals and texture coordinates may be missing.
-#[derive(Debug, Clone, Default)]
+/// What a corner of a triangle refers to in a [`RawMesh`].
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub struct Corner {
+    /// Index of its position.
+    pub position: u32,
+    /// Index of its normal; none: computed from the triangles about its position.
+    pub normal: Option<u32>,
+    /// Index of its texture coordinates; none: projected from a box around the mesh.
+    pub uv: Option<u32>,
+}
+
+/// A mesh as files hold it: every corner may have a normal and texture coordinates or not, whatever others have.
+#[derive(Debug, Clone, PartialEq, Default)]
 pub struct RawMesh {
-    /// Positions.
-    pub positions: Vec<Vec3>,
-    /// Normals a vertex, or empty: computed from the triangles.
+    /// Positions, in double precision: some lie far from the origin.
+    pub positions: Vec<DVec3>,
+    /// Normals.
     pub normals: Vec<Vec3>,
-    /// Texture coordinates a vertex (v downwards), or empty: projected from a box around the mesh.
+    /// Texture coordinates, v downwards.
     pub uvs: Vec<Vec2>,
-    /// Three vertex indices a triangle.
-    pub triangles: Vec<[u32; 3]>,
+    /// Three corners a triangle.
+    pub triangles: Vec<[Corner; 3]>,
+}
+
+impl RawMesh {
+    /// The middle of the mesh where its coordinates are so large that single precision would blur it, else 0.
+    pub fn origin(&self) -> DVec3 {
+        /// Distance from 0, in sizes of the mesh, up to which coordinates stay: 2⁻¹⁸ of the size is then the step between two.
+        const FAR: f64 = 64.0;
+        let low = self.positions.iter().copied().reduce(DVec3::min).unwrap_or_default();
+        let high = self.positions.iter().copied().reduce(DVec3::max).unwrap_or_default();
+        let far = low.abs().max(high.abs()).max_element() > FAR * (high - low).max_element();
+        if far { (low + high) / 2.0 } else { DVec3::ZERO }
+    }
 }
 
 impl Mesh {
-    /// Completes a mesh from a file: normals (angle-weighted), box-projected texture coordinates, tangent frames (6.1).
-    /// Vertices are split where mirrored and unmirrored texture meet.
+    /// Completes a mesh from a file: normals (angle-weighted), box-projected texture coordinates, tangent frames (6.1). Positions are
+    /// relative to [`RawMesh::origin`], which is given back. Vertices are split where mirrored and unmirrored texture meet.
     ///
     /// # Errors
-    /// Input errors for a mesh without triangles, an index out of range, or a position that is not finite.
-    pub fn from_raw(raw: RawMesh) -> Result<Self> {
-        let count = raw.positions.len();
+    /// Input errors for a mesh without triangles, an index out of range, or a position or texture coordinates that are not finite.
+    pub fn from_raw(raw: RawMesh) -> Result<(Self, DVec3)> {
         if raw.triangles.is_empty() {
             return Err(Error::input("the mesh has no triangles"));
         }
-        if let Some(t) = raw.triangles.iter().position(|t| t.iter().any(|&i| i as usize >= count)) {
-            return Err(Error::input(format!(
-                "triangle {t} refers to a vertex beyond the mesh's {count} vertices"
-            )));
-        }
-        if let Some(v) = raw.positions.iter().position(|p| !p.is_finite()) {
-            return Err(Error::input(format!("the position of vertex {v} is not finite")));
-        }
-        for (what, length) in [("normals", raw.normals.len()), ("texture coordinates", raw.uvs.len())] {
-            if length != 0 && length != count {
-                return Err(Error::input(format!("{length} {what} for {count} vertices")));
+        let beyond = |index: Option<u32>, count: usize| index.is_some_and(|index| index as usize >= count);
+        for (t, corner) in
+            raw.triangles.iter().enumerate().flat_map(|(t, three)| three.map(|corner| (t, corner)))
+        {
+            for (what, index, count) in [
+                ("vertex", Some(corner.position), raw.positions.len()),
+                ("normal", corner.normal, raw.normals.len()),
+                ("texture coordinate", corner.uv, raw.uvs.len()),
+            ] {
+                if beyond(index, count) {
+                    return Err(Error::input(format!(
+                        "triangle {t} refers to a {what} beyond the mesh's {count}"
+                    )));
+                }
             }
         }
-        Ok(frame::complete(raw))
+        if u32::try_from(raw.triangles.len().saturating_mul(3)).is_err() {
+            return Err(Error::input("the mesh has more than 1.4 billion triangles; split it"));
+        }
+        if let Some(v) = raw.positions.iter().position(|p| !p.as_vec3().is_finite()) {
+            return Err(Error::input(format!("the position of vertex {v} is not finite")));
+        }
+        if let Some(v) = raw.uvs.iter().position(|uv| !uv.is_finite()) {
+            return Err(Error::input(format!("texture coordinate {v} is not finite")));
+        }
+        let origin = raw.origin();
+        Ok((frame::complete(&raw, origin), origin))
     }
 
     /// The mesh in another frame; a mirroring transform turns triangles and texture handedness over.

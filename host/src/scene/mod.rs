@@ -278,61 +278,14 @@ impl Material {
 
     /// Refuses coefficients that no renderer can evaluate.
     fn check_map(reflectance: &Reflectance) -> Result<()> {
-        let number = |texel: usize, what: &str| Error::input(format!("material, texel {texel}: {what}"));
-        let check_lobe = |texel: usize, rho_s: Rgb, c: Vec3, n: f32, n_grazing: f32| {
-            if !rho_s.is_finite() || !c.is_finite() || !n.is_finite() || !n_grazing.is_finite() {
-                return Err(number(texel, "a lobe coefficient is not finite"));
+        let checked = match reflectance {
+            Reflectance::Uniform(brdf) => brdf.check(),
+            Reflectance::Map(map) if map.width == 0 || map.height == 0 => {
+                return Err(Error::input("material: the SBRDF map has no texels"));
             }
-            let n = n.min(n_grazing);
-            if n < 0.0 {
-                return Err(number(texel, &format!("exponent n = {n} is negative; use n ≥ 0")));
-            }
-            Ok(())
+            Reflectance::Map(map) => map.check(),
         };
-        let check_normal = |texel: usize, normal: Vec2| {
-            if normal.length_squared() < 1.0 {
-                return Ok(());
-            }
-            Err(number(texel, "a normal's x and y are not those of a unit vector"))
-        };
-        let check_microfacet = |texel: usize, f0: Rgb, f90: Rgb, alpha: f32| {
-            if f0.is_finite() && f90.is_finite() && alpha.is_finite() && alpha > 0.0 {
-                return Ok(());
-            }
-            Err(number(texel, "a microfacet coefficient is not finite, or alpha is not above 0"))
-        };
-        match reflectance {
-            Reflectance::Uniform(brdf) => {
-                if !brdf.rho_d.is_finite() || !brdf.beta.is_finite() {
-                    return Err(number(0, "a coefficient is not finite"));
-                }
-                brdf.microfacets.iter().try_for_each(|m| check_microfacet(0, m.f0, m.f90, m.alpha))?;
-                check_normal(0, brdf.normal)?;
-                brdf.lobes.iter().try_for_each(|lobe| {
-                    check_lobe(0, lobe.rho_s, lobe.c, lobe.n, lobe.n_grazing.unwrap_or(lobe.n))
-                })
-            }
-            Reflectance::Map(map) => {
-                if map.width == 0 || map.height == 0 {
-                    return Err(Error::input("material: the SBRDF map has no texels"));
-                }
-                for texel in 0..map.width * map.height {
-                    if !map.rho_d[texel].is_finite() || !map.beta[texel].is_finite() {
-                        return Err(number(texel, "a coefficient is not finite"));
-                    }
-                    for plane in &map.lobes {
-                        let n = plane.n[texel];
-                        let n_grazing = plane.n_grazing.get(texel).copied().unwrap_or(n);
-                        check_lobe(texel, plane.rho_s[texel], plane.c[texel], n, n_grazing)?;
-                    }
-                    map.normal.get(texel).map_or(Ok(()), |&normal| check_normal(texel, normal))?;
-                    for plane in &map.microfacets {
-                        check_microfacet(texel, plane.f0[texel], plane.f90[texel], plane.alpha[texel])?;
-                    }
-                }
-                Ok(())
-            }
-        }
+        checked.map_err(|error| Error::format(error).at("material"))
     }
 }
 

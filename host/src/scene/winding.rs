@@ -2,9 +2,10 @@
 
 use std::collections::HashMap;
 
-/// Turns triangles so that neighbours agree: across an edge of exactly two triangles the edge runs both ways. In every
-/// connected part the smaller number of triangles is turned; parts that agree stay as they are.
-pub(super) fn unify(triangles: &mut [[u32; 3]]) {
+/// Which triangles must be turned so that neighbours agree: across an edge of exactly two triangles the edge runs both ways. In
+/// every connected part the smaller number of triangles is turned; parts that agree stay as they are.
+pub(super) fn to_turn(triangles: &[[u32; 3]]) -> Vec<bool> {
+    let mut to_turn = vec![false; triangles.len()];
     let neighbours = neighbours(triangles);
     // Whether a triangle runs against the first of its part; `None` before it is reached.
     let mut against: Vec<Option<bool>> = vec![None; triangles.len()];
@@ -30,9 +31,10 @@ pub(super) fn unify(triangles: &mut [[u32; 3]]) {
         let turned = part.iter().filter(|&&t| against[t] == Some(true)).count();
         let majority_is_against = 2 * turned > part.len();
         for &t in part.iter().filter(|&&t| against[t] != Some(majority_is_against)) {
-            triangles[t].swap(1, 2);
+            to_turn[t] = true;
         }
     }
+    to_turn
 }
 
 /// For each edge of every triangle, the triangle beyond it and whether that one runs the same way round.
@@ -64,14 +66,13 @@ mod tests {
     #[test]
     fn turned_triangles_are_turned_back_and_good_meshes_stay() {
         let sphere = shapes::sphere(24, 12);
-        let mut same = sphere.triangles.clone();
-        unify(&mut same);
-        assert_eq!(same, sphere.triangles);
+        assert!(!to_turn(&sphere.triangles).contains(&true));
         let mut broken = sphere.triangles.clone();
         for triangle in broken.iter_mut().step_by(3) {
             triangle.swap(1, 2);
         }
-        unify(&mut broken);
+        let turned = to_turn(&broken);
+        broken.iter_mut().zip(turned).filter(|(_, turn)| *turn).for_each(|(triangle, _)| triangle.swap(1, 2));
         let canonical = |t: &[u32; 3]| {
             let k = (0..3).min_by_key(|&k| t[k]).unwrap();
             [t[k], t[(k + 1) % 3], t[(k + 2) % 3]]

@@ -11,6 +11,9 @@ const MOST_WAVELENGTHS: usize = 10_000;
 /// Values below this, sr⁻¹, are no measurement noise.
 const MOST_NEGATIVE: f64 = -0.01;
 
+/// Values above this, sr⁻¹, are no reflectance: a mirror seen under a thousandth of a degree has less.
+const MOST_VALUE: f64 = 1e10;
+
 /// Slack for angles printed with few digits, radians.
 pub(super) const ANGLE_SLACK: f64 = 1e-4;
 
@@ -27,6 +30,13 @@ impl Token<'_> {
         match text.parse::<f64>() {
             Ok(number) if number.is_finite() => Ok(number),
             Ok(_) => Err(invalid(*line, format!("{} is {text}; remove the row or measure it again", what()))),
+            Err(_) if text.contains([',', ';']) => Err(invalid(
+                *line,
+                format!(
+                    "{} is `{text}`, which has a comma; write decimals with a point and put spaces between numbers",
+                    what()
+                ),
+            )),
             Err(_) => Err(invalid(*line, format!("{} is `{text}`, which is not a number", what()))),
         }
     }
@@ -54,6 +64,10 @@ pub(super) fn parse(text: &str) -> Result<MeasuredTable, FormatError> {
     for (index, chunk) in rest.chunks(width).enumerate() {
         let number = index + 1;
         if chunk.len() < width {
+            // A row whose numbers hang together seems cut short.
+            chunk
+                .iter()
+                .try_for_each(|token| token.number(|| format!("row {number}: a number")).map(drop))?;
             let found = chunk.len();
             let message =
                 format!("row {number} ends after {found} of {width} numbers; the file is cut short");
@@ -73,6 +87,11 @@ fn wavelengths<'a>(
     last_line: usize,
 ) -> Result<Vec<f64>, FormatError> {
     let count = tokens.next().ok_or_else(|| invalid(last_line, "the table is empty"))?;
+    if count.text == "analytic" {
+        let message =
+            "an analytic BRDF of BRDF Explorer, which has the same ending; only measured tables are read";
+        return Err(invalid(count.line, message));
+    }
     let number = count.number(|| "the number of wavelengths".into())?;
     if number.fract() != 0.0 || number < 1.0 || number > MOST_WAVELENGTHS as f64 {
         let message =
@@ -103,8 +122,9 @@ fn row(number: usize, tokens: &[Token<'_>], wavelengths_nm: &[f64]) -> Result<Ta
         let token = &tokens[index];
         let angle = token.number(|| format!("row {number}: {name}"))?;
         if angle < low - ANGLE_SLACK || angle > high + ANGLE_SLACK {
-            let message =
-                format!("row {number}: {name} is {angle} rad; it must lie in {low:.4} to {high:.4} rad");
+            let message = format!(
+                "row {number}: {name} is {angle} rad; it must lie in {low:.4} to {high:.4} rad (not degrees)"
+            );
             return Err(invalid(token.line, message));
         }
         Ok(angle.clamp(low, high))
@@ -117,6 +137,12 @@ fn row(number: usize, tokens: &[Token<'_>], wavelengths_nm: &[f64]) -> Result<Ta
         if value < MOST_NEGATIVE {
             let message = format!(
                 "row {number}: the value at {wavelength} nm is {value} sr⁻¹; below {MOST_NEGATIVE} it is no noise"
+            );
+            return Err(invalid(token.line, message));
+        }
+        if value > MOST_VALUE {
+            let message = format!(
+                "row {number}: the value at {wavelength} nm is {value:e} sr⁻¹; above {MOST_VALUE:e} it is no reflectance"
             );
             return Err(invalid(token.line, message));
         }
@@ -160,6 +186,13 @@ mod tests {
             ("0.1 0 -0.2 0 1 2".into(), "line 4: row 1: theta_s is -0.2 rad"),
             ("0.1 0 0.2 0 1 -2".into(), "line 4: row 1: the value at 550 nm is -2 sr⁻¹"),
             ("0.1 0 0.2 0 1 two".into(), "line 4: row 1: the value at 550 nm is `two`"),
+            ("0.1,0,0.2,0,1,2".into(), "line 4: row 1: a number is `0.1,0,0.2,0,1,2`, which has a comma"),
+            ("0,1 0 0,2 0 1 2".into(), "line 4: row 1: theta_i is `0,1`, which has a comma; write decimals"),
+            ("0.1 0 0.2 0 1 1e301".into(), "line 4: row 1: the value at 550 nm is 1e301 sr⁻¹"),
+            (
+                "10 0 45 180 1 2".into(),
+                "theta_i is 10 rad; it must lie in 0.0000 to 1.5708 rad (not degrees)",
+            ),
             (String::new(), "the table has no rows"),
         ] {
             let text = error(&rows);
@@ -176,6 +209,8 @@ mod tests {
             ("0", "the number of wavelengths is 0"),
             ("1e12 400", "the number of wavelengths is 1e12"),
             ("three", "the number of wavelengths is `three`"),
+            ("analytic", "line 1: an analytic BRDF of BRDF Explorer"),
+            ("2 550 550", "wavelength 2 is 550 nm after 550 nm"),
             ("3 400\n500", "line 2: the file ends after 2 of 3 wavelengths"),
             ("2 500\n400", "line 2: wavelength 2 is 400 nm after 500 nm"),
         ] {

@@ -44,15 +44,14 @@ impl<'a> Sampled<'a> {
         let mut rows = vec![0.0f64];
         let mut columns = Vec::with_capacity(height * (width + 1));
         for row in 0..height {
-            let mut sum = 0.0f64;
-            let first = columns.len();
-            columns.push(0.0f32);
-            for &weight in &weights[row * width..(row + 1) * width] {
-                sum += weight;
-                columns.push(sum as f32);
-            }
-            let inverse = if sum > 0.0 { 1.0 / sum as f32 } else { 0.0 };
-            columns[first..].iter_mut().for_each(|entry| *entry *= inverse);
+            let weights = &weights[row * width..(row + 1) * width];
+            // Divided in double precision by the very sum that they end in: 1 from the last pixel that is not black on.
+            let mut sums = vec![0.0f64];
+            let sum = weights.iter().fold(0.0, |sum, weight| {
+                sums.push(sum + weight);
+                sum + weight
+            });
+            columns.extend(sums.iter().map(|part| if sum > 0.0 { (part / sum) as f32 } else { 0.0 }));
             rows.push(rows[row] + sum * solid_angle(row));
         }
         let total = rows[height];
@@ -120,8 +119,9 @@ impl<'a> Sampled<'a> {
     }
 }
 
-/// The interval of a cumulative distribution that `x` falls into, and how far along it.
+/// The interval of a cumulative distribution from 0 to 1 that `x` falls into, never one of probability 0, and how far along it.
 fn find(cumulative: &[f32], x: f32) -> (usize, f32) {
+    let x = x.clamp(0.0, 1.0f32.next_down());
     let after = cumulative.partition_point(|&edge| edge <= x).clamp(1, cumulative.len() - 1);
     let (low, high) = (cumulative[after - 1], cumulative[after]);
     let along = if high > low { ((x - low) / (high - low)).clamp(0.0, 1.0) } else { 0.5 };
@@ -202,6 +202,28 @@ mod tests {
         assert!(agreeing > 4050, "{agreeing}");
         // The mean of the inverse density is the measure of the sphere.
         assert!((mean / (4.0 * std::f64::consts::PI) - 1.0).abs() < 0.02, "{mean}");
+    }
+
+    #[test]
+    fn nothing_is_drawn_from_black_pixels_whatever_the_numbers() {
+        // Rows that are lit by many small pixels at their begin and black at their end, as a lamp on black leaves them.
+        let mut pixels = vec![Rgb::ZERO; 200 * 9];
+        for (k, pixel) in pixels.iter_mut().enumerate().filter(|(k, _)| k % 200 < 77 && k / 200 % 4 != 3) {
+            *pixel = Rgb::splat(0.1 + 1e-3 * (k % 13) as f32);
+        }
+        let environment = Environment::new(200, 9, pixels).unwrap();
+        let sampled = Sampled::new(&environment).unwrap();
+        let ends = [0.0, f32::MIN_POSITIVE, 0.5, 1.0f32.next_down(), 1.0];
+        for r in ends.into_iter().chain((0..1000).map(|k| 1.0 - k as f32 * 1e-7)) {
+            for s in ends.into_iter().chain((0..50).map(|k| k as f32 / 50.0)) {
+                let sample = sampled.sample([r, s]);
+                assert!(sample.density > 0.0 && sample.density.is_finite(), "{r} {s}: {}", sample.density);
+            }
+        }
+        let width = environment.width + 1;
+        for row in sampled.columns.chunks(width) {
+            assert!(row[width - 1] == 1.0 || row[width - 1] == 0.0);
+        }
     }
 
     #[test]

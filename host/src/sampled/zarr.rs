@@ -1,0 +1,334 @@
+//! Arrays of Zarr v3 stores, read as other programs write them too: float16, float32 and float64 in chunks of any shape, compressed by
+//! zstd (Python's default) or gzip. Nothing is allocated that a chunk's file does not stand behind.
+
+use std::io::Read;
+use std::ops::Range;
+use std::path::{Path, PathBuf};
+
+use half::f16;
+use rayon::prelude::*;
+use serde::Deserialize;
+use serde_json::Value;
+
+/// Bytes of a chunk at most, decompressed.
+const MOST_BYTES: usize = 1 << 32;
+
+/// An array's metadata as `zarr.json` has it.
+#[derive(Deserialize)]
+struct Metadata {
+    zarr_format: u64,
+    node_type: String,
+    shape: Vec<usize>,
+    data_type: Value,
+    chunk_grid: Named<Grid>,
+    #[serde(default)]
+    chunk_key_encoding: Option<Named<Keys>>,
+    codecs: Vec<Named<Codec>>,
+}
+
+#[derive(Deserialize)]
+struct Named<T> {
+    name: String,
+    configuration: Option<T>,
+}
+
+#[derive(Deserialize)]
+struct Grid {
+    chunk_shape: Vec<usize>,
+}
+
+#[derive(Deserialize)]
+struct Keys {
+    separator: Option<String>,
+}
+
+#[derive(Deserialize)]
+struct Codec {
+    endian: Option<String>,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum Number {
+    F16,
+    F32,
+    F64,
+}
+
+impl Number {
+    fn bytes(self) -> usize {
+        match self {
+            Self::F16 => 2,
+            Self::F32 => 4,
+            Self::F64 => 8,
+        }
+    }
+
+    /// The number that bytes in little-endian order hold; there are enough.
+    fn value(self, bytes: &[u8]) -> f64 {
+        let eight: [u8; 8] = std::array::from_fn(|k| bytes.get(k).copied().unwrap_or_default());
+        let [a, b, c, d, ..] = eight;
+        match self {
+            Self::F16 => f16::from_le_bytes([a, b]).to_f64(),
+            Self::F32 => f64::from(f32::from_le_bytes([a, b, c, d])),
+            Self::F64 => f64::from_le_bytes(eight),
+        }
+    }
+}
+
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum Compression {
+    Zstd,
+    Gzip,
+    /// A checksum behind the bytes, which is not looked at.
+    Crc32c,
+}
+
+/// An array of N dimensions.
+pub(super) struct ZarrArray<const N: usize> {
+    folder: PathBuf,
+    name: String,
+    /// Entries an axis.
+    pub(super) shape: [usize; N],
+    /// Entries of a chunk an axis.
+    pub(super) chunk: [usize; N],
+    number: Number,
+    big_endian: bool,
+    compressions: Vec<Compression>,
+    /// What stands before and between the numbers in a chunk's name.
+    prefix: &'static str,
+    separator: char,
+}
+
+impl<const N: usize> ZarrArray<N> {
+    /// Opens the array of a name in a store's folder.
+    ///
+    /// # Errors
+    /// A sentence for metadata that are missing, make no sense, or name what is not read.
+    pub(super) fn open(store: &Path, name: &str) -> Result<Self, String> {
+        let folder = store.join(name);
+        let text = std::fs::read(folder.join("zarr.json"))
+            .map_err(|error| format!("it has no array `{name}` ({name}/zarr.json: {error})"))?;
+        let metadata: Metadata =
+            serde_json::from_slice(&text).map_err(|error| format!("{name}/zarr.json: {error}"))?;
+        Self::new(folder, name, metadata).map_err(|message| format!("{name} {message}"))
+    }
+
+    fn new(folder: PathBuf, name: &str, metadata: Metadata) -> Result<Self, String> {
+        if metadata.zarr_format != 3 || metadata.node_type != "array" {
+            return Err("is no array of Zarr v3".into());
+        }
+        let number = match metadata.data_type.as_str() {
+            Some("float16") => Number::F16,
+            Some("float32") => Number::F32,
+            Some("float64") => Number::F64,
+            _ => return Err(format!("holds {}, must hold float16, float32 or float64", metadata.data_type)),
+        };
+        if metadata.chunk_grid.name != "regular" {
+            return Err(format!("has a chunk grid `{}`; it must be regular", metadata.chunk_grid.name));
+        }
+        let wrong = |shape: &[usize]| format!("has the shape {shape:?}, must have {N} dimensions");
+        let shape: [usize; N] = metadata.shape[..].try_into().map_err(|_| wrong(&metadata.shape))?;
+        let chunk = metadata.chunk_grid.configuration.map(|grid| grid.chunk_shape).unwrap_or_default();
+        let chunk: [usize; N] =
+            chunk[..].try_into().map_err(|_| format!("has chunks of the shape {chunk:?}"))?;
+        let bytes = chunk.iter().try_fold(number.bytes(), |bytes, &edge| bytes.checked_mul(edge));
+        if chunk.contains(&0) || bytes.is_none_or(|bytes| bytes > MOST_BYTES) {
+            return Err(format!(
+                "has chunks of {chunk:?} entries, which cannot be; chunks have 4 GiB at most"
+            ));
+        }
+        let (prefix, default) = match metadata.chunk_key_encoding.as_ref().map(|keys| keys.name.as_str()) {
+            None | Some("default") => ("c", '/'),
+            Some("v2") => ("", '.'),
+            Some(other) => return Err(format!("has a chunk key encoding `{other}`, which is not read")),
+        };
+        let separator = metadata.chunk_key_encoding.and_then(|keys| keys.configuration?.separator);
+        let separator = separator.and_then(|text| text.chars().next()).unwrap_or(default);
+        let (mut big_endian, mut compressions) = (None, Vec::new());
+        for codec in metadata.codecs {
+            match (codec.name.as_str(), big_endian) {
+                ("bytes", None) => {
+                    let endian = codec.configuration.and_then(|configuration| configuration.endian);
+                    big_endian = Some(endian.as_deref() == Some("big"));
+                }
+                ("zstd", Some(_)) => compressions.push(Compression::Zstd),
+                ("gzip", Some(_)) => compressions.push(Compression::Gzip),
+                ("crc32c", Some(_)) => compressions.push(Compression::Crc32c),
+                (other, _) => {
+                    return Err(format!(
+                        "is written by the codec `{other}`, which is not read; write it by bytes alone, or by bytes with zstd or gzip"
+                    ));
+                }
+            }
+        }
+        let big_endian = big_endian.ok_or("has no codec `bytes`")?;
+        Ok(Self {
+            folder,
+            name: name.into(),
+            shape,
+            chunk,
+            number,
+            big_endian,
+            compressions,
+            prefix,
+            separator,
+        })
+    }
+
+    /// The name of a chunk in the store.
+    fn key(&self, place: &[usize; N]) -> String {
+        let numbers = place.map(|number| number.to_string());
+        let begin =
+            if self.prefix.is_empty() { String::new() } else { format!("{}{}", self.prefix, self.separator) };
+        format!("{begin}{}", numbers.join(&self.separator.to_string()))
+    }
+
+    /// Refuses the array where a chunk of some ranges of entries is not there. Zarr reads such as its fill value; here that would be a
+    /// block of texels lost without a word.
+    ///
+    /// # Errors
+    /// A sentence with the chunk's name.
+    pub(super) fn chunks_are_there(&self, ranges: &[Range<usize>; N]) -> Result<(), String> {
+        self.places(ranges).try_for_each(|place| {
+            let key = self.key(&place);
+            if self.folder.join(&key).is_file() {
+                return Ok(());
+            }
+            Err(format!(
+                "the chunk {}/{key} is missing (of one without samples too: Python's zarr leaves those out unless it is told \
+                 write_empty_chunks)",
+                self.name
+            ))
+        })
+    }
+
+    /// Places of the chunks that ranges of entries touch, the last axis fastest.
+    fn places(&self, ranges: &[Range<usize>; N]) -> impl Iterator<Item = [usize; N]> + use<N> {
+        let chunks: [Range<usize>; N] = std::array::from_fn(|axis| {
+            ranges[axis].start / self.chunk[axis]..ranges[axis].end.div_ceil(self.chunk[axis])
+        });
+        let mut next = (!chunks.iter().any(Range::is_empty)).then(|| chunks.clone().map(|range| range.start));
+        std::iter::from_fn(move || {
+            let place = next?;
+            let mut after = place;
+            next = (0..N).rev().find_map(|axis| {
+                after[axis] += 1;
+                if after[axis] < chunks[axis].end {
+                    return Some(after);
+                }
+                after[axis] = chunks[axis].start;
+                None
+            });
+            Some(place)
+        })
+    }
+
+    /// The entries of some ranges, in the order of the axes.
+    ///
+    /// # Errors
+    /// A sentence for a chunk that is missing or damaged.
+    pub(super) fn read<T: Copy + Default + Send>(
+        &self,
+        ranges: &[Range<usize>; N],
+        convert: impl Fn(f64) -> T + Sync,
+    ) -> Result<Vec<T>, String> {
+        self.chunks_are_there(ranges)?;
+        let count: usize = ranges.iter().map(ExactSizeIterator::len).product();
+        let mut entries = vec![T::default(); count];
+        // Each row of chunks has a part of its own.
+        let row: usize = ranges[1..].iter().map(ExactSizeIterator::len).product();
+        let mut parts = Vec::new();
+        let (mut rest, mut start) = (&mut entries[..], ranges[0].start);
+        while start < ranges[0].end && row > 0 {
+            let end = ((start / self.chunk[0] + 1) * self.chunk[0]).min(ranges[0].end);
+            let (part, after) = std::mem::take(&mut rest).split_at_mut((end - start) * row);
+            parts.push((part, start..end));
+            (rest, start) = (after, end);
+        }
+        parts.into_par_iter().try_for_each(|(part, rows)| {
+            let mut within = ranges.clone();
+            within[0] = rows;
+            self.places(&within).try_for_each(|place| {
+                let chunk = self.decoded(&place)?;
+                self.copy(&chunk, &place, &within, part, &convert);
+                Ok::<(), String>(())
+            })
+        })?;
+        Ok(entries)
+    }
+
+    /// Copies what a chunk has of some ranges to where they are kept.
+    fn copy<T>(
+        &self,
+        chunk: &[u8],
+        place: &[usize; N],
+        ranges: &[Range<usize>; N],
+        part: &mut [T],
+        convert: &impl Fn(f64) -> T,
+    ) {
+        let size = self.number.bytes();
+        let begin: [usize; N] = std::array::from_fn(|axis| place[axis] * self.chunk[axis]);
+        let shared: [Range<usize>; N] = std::array::from_fn(|axis| {
+            let end = (begin[axis] + self.chunk[axis]).min(ranges[axis].end);
+            begin[axis].max(ranges[axis].start)..end
+        });
+        // Runs along the last axis, over all entries of the others.
+        let runs: usize = shared[..N - 1].iter().map(ExactSizeIterator::len).product();
+        let length = shared[N - 1].len();
+        for run in 0..runs {
+            let (mut left, mut from, mut to) = (run, 0, 0);
+            let mut strides = (self.chunk[N - 1], ranges[N - 1].len());
+            for axis in (0..N - 1).rev() {
+                let index = shared[axis].start + left % shared[axis].len();
+                left /= shared[axis].len();
+                from += (index - begin[axis]) * strides.0;
+                to += (index - ranges[axis].start) * strides.1;
+                strides = (strides.0 * self.chunk[axis], strides.1 * ranges[axis].len());
+            }
+            from += shared[N - 1].start - begin[N - 1];
+            to += shared[N - 1].start - ranges[N - 1].start;
+            let numbers = chunk[from * size..(from + length) * size].chunks_exact(size);
+            for (entry, bytes) in part[to..to + length].iter_mut().zip(numbers) {
+                *entry = convert(self.number.value(bytes));
+            }
+        }
+    }
+
+    /// The bytes of a chunk, decompressed, in little-endian order.
+    fn decoded(&self, place: &[usize; N]) -> Result<Vec<u8>, String> {
+        let key = self.key(place);
+        let wrong = |what: &str| format!("the chunk {}/{key} {what}", self.name);
+        let expected = self.number.bytes() * self.chunk.iter().product::<usize>();
+        let mut bytes = std::fs::read(self.folder.join(&key))
+            .map_err(|error| wrong(&format!("cannot be read: {error}")))?;
+        for compression in self.compressions.iter().rev() {
+            bytes = match compression {
+                Compression::Crc32c => {
+                    let length = bytes.len().checked_sub(4).ok_or_else(|| wrong("is cut short"))?;
+                    bytes.truncate(length);
+                    bytes
+                }
+                Compression::Gzip => expanded(flate2::read::GzDecoder::new(&bytes[..]), expected)
+                    .map_err(|error| wrong(&format!("is no gzip: {error}")))?,
+                Compression::Zstd => ruzstd::decoding::StreamingDecoder::new(&bytes[..])
+                    .map_err(|error| error.to_string())
+                    .and_then(|decoder| expanded(decoder, expected).map_err(|error| error.to_string()))
+                    .map_err(|error| wrong(&format!("is no zstd: {error}")))?,
+            };
+        }
+        if bytes.len() != expected {
+            return Err(wrong(&format!("has {} bytes where {expected} are expected", bytes.len())));
+        }
+        if self.big_endian {
+            bytes.chunks_exact_mut(self.number.bytes()).for_each(<[u8]>::reverse);
+        }
+        Ok(bytes)
+    }
+}
+
+/// What a decoder gives, one byte more than expected at most, so that a chunk that grows without end is noticed; a checksum may follow.
+fn expanded(decoder: impl Read, expected: usize) -> std::io::Result<Vec<u8>> {
+    let mut bytes = Vec::new();
+    decoder.take(expected as u64 + 5).read_to_end(&mut bytes)?;
+    Ok(bytes)
+}
