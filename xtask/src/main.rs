@@ -1,9 +1,11 @@
 //! Project tasks, run as `cargo xtask TASK`.
 
+mod figures;
 mod firmware;
 mod packages;
 mod peers;
 
+use std::path::Path;
 use std::process::{Command, ExitCode};
 use std::time::Instant;
 
@@ -16,6 +18,10 @@ const HELP: &str = "cargo xtask TASK
   firmware [--board lm3s6965|stm32f405] [--update] [--rates]
           builds the boards' programs with clippy, prints and checks their sizes (--update renews the snapshot);
           --rates counts the instructions of a step
+  figures [--check|--quick|--long] [--only TEXT|COMMAND]… [--update] [--reuse]
+          measures the figures of README.md and docs again that take a few minutes (--long: all, --quick: seconds), and fails with old and new
+          value if one is no longer so; --check only compares the texts with docs/figures.toml; --update writes new values into the texts;
+          --reuse takes what an earlier run left in target/figures
   link-table  measures sessions on bad lines on the simulated rig's clock, and writes them into docs/link.md
   flash [--board B] [--probe VID:PID[:SERIAL]]
           writes a board's program, the stm32f405's unless told otherwise, by probe-rs, and leaves stored parameters as they are
@@ -33,6 +39,7 @@ fn main() -> ExitCode {
     let done = match task.as_deref() {
         Some("test") => test(),
         Some("long") => long(),
+        Some("figures") => figures::task(std::env::args().skip(2)),
         Some("firmware") => firmware::task(std::env::args().skip(2)),
         Some("link-table") => link_table(),
         Some("flash") => firmware::flash(std::env::args().skip(2)),
@@ -70,6 +77,8 @@ fn test() -> Result<()> {
     step("the lobelia command", &["build", "--package", "lobelia", "--quiet"], &[])?;
     firmware::for_tests()?;
     step("tests", &["test", "--workspace", "--quiet"], &[])?;
+    println!("xtask: figures of the texts that are quick to measure");
+    figures::quick(Path::new("target/debug/lobelia").canonicalize()?)?;
     let documentation = ["doc", "--workspace", "--no-deps", "--quiet"];
     step("documentation", &documentation, &[("RUSTDOCFLAGS", "-D warnings")])?;
     println!("xtask: all passed in {:.0} s", start.elapsed().as_secs_f64());

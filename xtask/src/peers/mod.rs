@@ -2,7 +2,7 @@
 
 mod environment;
 mod fit;
-mod python;
+pub(crate) mod python;
 mod render;
 
 use anyhow::{Result, bail};
