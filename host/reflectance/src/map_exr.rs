@@ -390,7 +390,8 @@ mod tests {
 
     #[test]
     fn a_coefficient_that_no_reflectance_has_is_refused_with_its_channel_and_texel() {
-        let cases: [(&str, fn(&mut SbrdfMap)); 9] = [
+        type Fault = (&'static str, fn(&mut SbrdfMap));
+        let cases: [Fault; 9] = [
             ("lobe0.n is NaN", |map| map.lobes[0].n[4] = f32::NAN),
             ("lobe0.n is -3", |map| map.lobes[0].n[4] = -3.0),
             ("lobe1.n_grazing is -1", |map| map.lobes[1].n_grazing[4] = -1.0),

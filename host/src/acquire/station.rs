@@ -37,7 +37,7 @@ pub struct Shot {
 /// Something that turns an exposure into a file.
 pub enum Camera {
     /// Software that stores the camera's photographs in a folder.
-    Watch(WatchedFolder),
+    Watch(Box<WatchedFolder>),
     /// The simulated camera on the simulated rig.
     #[cfg(feature = "sim")]
     Simulated(Box<crate::acquire::simulated::SimulatedCamera>),

@@ -365,6 +365,7 @@ impl CameraClock {
     }
 }
 
-#[cfg(all(test, feature = "sim"))]
+#[cfg(test)]
+#[cfg(feature = "sim")]
 #[path = "watch_tests.rs"]
 mod tests;

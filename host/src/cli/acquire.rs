@@ -113,7 +113,7 @@ fn connect(args: &AcquireArgs, material: Option<&Path>, rig: &RigConfig) -> Resu
             let timeout = Duration::try_from_secs_f64(args.camera_timeout_s)
                 .map_err(|error| Error::input(format!("--camera-timeout-s: {error}")))?;
             let folder = WatchedFolder::new(Path::new(folder), timeout)?;
-            Ok(Station::new(RigClient::connect(open_port(port)?)?, Camera::Watch(folder)))
+            Ok(Station::new(RigClient::connect(open_port(port)?)?, Camera::Watch(Box::new(folder))))
         }
     }
 }

@@ -82,6 +82,7 @@ pub fn run(folder: &Path) -> Result<Developed> {
 ///
 /// # Errors
 /// As [`run`], but for what the options allow.
+#[expect(clippy::result_large_err, reason = "as large as a registration, of which a pose has one")]
 pub fn run_with(folder: &Path, options: &Options) -> Result<Developed> {
     let photographs = Photographs::open_with(folder, options)?;
     let config = &photographs.run.rig;

@@ -291,7 +291,7 @@ mod tests {
         let scene = |exposure_s: f64, shift: usize, factor: f64| {
             let value = |k: usize| {
                 let (x, y) = (k % camera.width, k / camera.width);
-                let radiance = factor * if ((x + shift) / 8) % 2 == 0 { 0.5 } else { 0.1 };
+                let radiance = factor * if ((x + shift) / 8).is_multiple_of(2) { 0.5 } else { 0.1 };
                 let gain = camera.responsivity[bayer_channel(x, y)];
                 (camera.black_level + 3.0 * exposure_s + radiance * gain * exposure_s).min(camera.white_level)
                     as u16

@@ -71,6 +71,7 @@ impl From<&str> for Unregistered {
 /// # Errors
 /// A sentence when too few tags are seen, their corners contradict each other, or they show the sample where the motors
 /// cannot have put it.
+#[expect(clippy::result_large_err, reason = "as large as a registration, of which a pose has one")]
 pub fn register(
     config: &RigConfig,
     mosaic: &MosaicRadiance,
@@ -98,6 +99,7 @@ pub fn register(
 ///
 /// # Errors
 /// As [`register`].
+#[expect(clippy::result_large_err, reason = "as large as a registration, of which a pose has one")]
 pub fn register_frame(
     config: &RigConfig,
     frame: &RawFrame,
@@ -220,7 +222,8 @@ pub fn from_motors(config: &RigConfig, angles: &MotorAngles) -> SamplePose {
     sample_pose(config, angles, glam::DVec3::ZERO)
 }
 
-#[cfg(all(test, feature = "sim"))]
+#[cfg(test)]
+#[cfg(feature = "sim")]
 mod tests {
     use std::path::Path;
 

@@ -163,7 +163,7 @@ mod tests {
         assert!(told.contains("pan 12.900° tilt not homed roll 12.900°"), "{told}");
         let mut moving = idle();
         (moving.moving[1], moving.known[1]) = (true, false);
-        let rest = Status { moving: [false; 4], ..moving.clone() };
+        let rest = Status { moving: [false; 4], ..moving };
         let lines = changes(&moving, &rest, &RigConfig::default());
         assert_eq!(lines, [line(rest.uptime_us, "tilt at rest, not homed")]);
     }

@@ -128,6 +128,8 @@ impl Window {
 
     /// From the middle of columns × rows to that of the window, texels along x and y.
     pub fn offset(&self, [width, height]: [usize; 2]) -> DVec2 {
+        let middle =
+            |range: &Range<usize>, whole: usize| (range.start + range.end) as f64 / 2.0 - whole as f64 / 2.0;
         DVec2::new(middle(&self.x, width), -middle(&self.y, height))
     }
 }

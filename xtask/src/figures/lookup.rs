@@ -18,8 +18,13 @@ pub(super) enum Output {
     Text(String),
 }
 
+/// A sign with what it makes of two numbers.
+type Operator = (&'static str, fn(f64, f64) -> f64);
+/// A name with what it makes of many.
+type Summary = (&'static str, fn(&[f64]) -> f64);
+
 /// What stands between two places, the loosest first.
-const OPERATORS: [(&str, fn(f64, f64) -> f64); 5] = [
+const OPERATORS: [Operator; 5] = [
     (" ∨ ", f64::max),
     (" ∧ ", f64::min),
     (" + ", |a, b| a + b),
@@ -34,7 +39,7 @@ pub(super) fn number(output: &Output, place: &str) -> Result<f64> {
             return Ok(of(number(output, a)?, number(output, b)?));
         }
     }
-    let kinds: [(&str, fn(&[f64]) -> f64); 4] = [
+    let kinds: [Summary; 4] = [
         ("sum", |all| all.iter().sum()),
         ("mean", |all| all.iter().sum::<f64>() / all.len() as f64),
         ("min", |all| all.iter().copied().fold(f64::INFINITY, f64::min)),
@@ -150,7 +155,9 @@ fn is(value: &Value, wanted: &str) -> bool {
     match value {
         Value::String(text) => text == wanted,
         Value::Number(number) => wanted.parse().is_ok_and(|wanted: f64| number.as_f64() == Some(wanted)),
-        other => other.to_string() == wanted,
+        Value::Bool(truth) => wanted == if *truth { "true" } else { "false" },
+        Value::Null => wanted == "null",
+        Value::Array(_) | Value::Object(_) => false,
     }
 }
 

@@ -140,10 +140,13 @@ fn judged(case: &Case, method: Method, noise: f64, n: f64, seed: u64) -> Result<
     })
 }
 
+/// A row's name and its value for a cell of the grid.
+type Quantity = (&'static str, fn(&Found) -> Cell);
+
 fn section(case: &Case, grid: &Grid) -> Section {
     let mut table =
         Table::new(["", "method", "noise, 1/sr", "n = 2", "n = 4", "n = 10", "n = 20", "n = 64", "n = 200"]);
-    let quantities: [(&str, fn(&Found) -> Cell); 6] = [
+    let quantities: [Quantity; 6] = [
         ("recovered, %", |found| found.recovered.into()),
         ("n near, %", |found| found.near.into()),
         ("C off, °", |found| found.off_deg.into()),

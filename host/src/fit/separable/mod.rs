@@ -24,7 +24,8 @@ pub mod math;
 pub mod mirror;
 pub mod normal;
 pub mod prior;
-#[cfg(all(test, feature = "sim"))]
+#[cfg(test)]
+#[cfg(feature = "sim")]
 mod rig_tests;
 pub mod robust;
 pub mod shape;

@@ -50,9 +50,7 @@ pub(super) fn folds(theta_deg: &[f64]) -> Vec<usize> {
 
 /// Sums over every fold's rows of the squared errors with which `model`, optimised again without the fold, predicts them; over the number of rows of all.
 pub(super) fn left_out(samples: &Samples, folds: &[usize], target: &Target, model: &Model) -> Vec<f64> {
-    let count = folds.iter().max().map_or(0, |last| last + 1);
-    let mut losses = vec![0.0; count];
-    for fold in 0..count {
+    let of_fold = |fold: usize| {
         let mut without = target.clone();
         for (weight, _) in without.weight.iter_mut().zip(folds).filter(|&(_, &of)| of == fold) {
             *weight = 0.0;
@@ -65,9 +63,9 @@ pub(super) fn left_out(samples: &Samples, folds: &[usize], target: &Target, mode
             (log(refitted.value(samples, k)) - log(samples.value[k])).abs().min(CAP).powi(2)
         };
         let rows = (0..samples.len()).filter(|&k| folds[k] == fold);
-        losses[fold] = rows.map(loss).sum::<f64>() / samples.len() as f64;
-    }
-    losses
+        rows.map(loss).sum::<f64>() / samples.len() as f64
+    };
+    (0..folds.iter().max().map_or(0, |last| last + 1)).map(of_fold).collect()
 }
 
 /// The place of the fit to choose among fits of one wavelength: the best number of lobes with a microfacet term, unless lobes alone

@@ -105,7 +105,7 @@ mod tests {
         assert_eq!(triangles(&square[..3]), [[0, 1, 2]]);
         assert!(triangles(&square[..2]).is_empty() && triangles(&[]).is_empty());
         // Without area: a fan, and no endless search.
-        assert_eq!(triangles(&vec![DVec3::ONE; 5]).len(), 3);
+        assert_eq!(triangles(&[DVec3::ONE; 5]).len(), 3);
     }
 
     proptest! {
