@@ -13,13 +13,13 @@ mod tests;
 
 use std::collections::BTreeMap;
 use std::fs;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use anyhow::{Context, Result, bail};
 
 use check::{Placed, Texts};
 use judge::Moved;
-use registry::{Class, Kind, Registry};
+use registry::{Class, Registry};
 use run::Runner;
 
 /// What was asked for.
@@ -92,20 +92,6 @@ pub(crate) fn task(arguments: impl Iterator<Item = String>) -> Result<()> {
             && options.wants(&placed.figure.file, &placed.figure.command)
     };
     compare(&runner, &texts, placed.into_iter().filter(figures).collect(), &options, class)
-}
-
-/// The figures that `cargo xtask test` measures: quick ones of errors, sizes and counts, by the program that is built already.
-pub(crate) fn quick(program: PathBuf) -> Result<()> {
-    let registry = Registry::read(&root().join(REGISTRY))?;
-    let (texts, placed) = checked(&registry, root())?;
-    let folder = root().join("target/figures");
-    let runner = Runner { registry: &registry, root: root(), folder, program, reuse: false };
-    let is_quick = |placed: &Placed<'_>| {
-        registry.commands[&placed.figure.command].class == Class::Quick
-            && !matches!(placed.figure.kind, Kind::Time | Kind::Ratio)
-    };
-    let placed = placed.into_iter().filter(is_quick).collect();
-    compare(&runner, &texts, placed, &Options::default(), Class::Quick)
 }
 
 /// The texts and their figures, where the registry is right about them.

@@ -57,10 +57,11 @@ pub(super) struct Recipe {
 }
 
 /// What a figure is of.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, Default)]
 #[serde(rename_all = "lowercase")]
 pub(super) enum Kind {
-    /// An error.
+    /// An error, where nothing else is said.
+    #[default]
     Error,
     /// Bytes.
     Size,
@@ -104,6 +105,7 @@ pub(super) struct Figure {
     /// Its words, a template that fits in one place.
     pub(super) text: String,
     /// What it is of.
+    #[serde(default)]
     pub(super) kind: Kind,
     /// The command.
     pub(super) command: String,
