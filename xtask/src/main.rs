@@ -76,6 +76,8 @@ fn test() -> Result<()> {
     step("the lobelia command", &["build", "--package", "lobelia", "--quiet"], &[])?;
     firmware::for_tests()?;
     step("tests", &["test", "--workspace", "--quiet"], &[])?;
+    println!("xtask: figures of the texts and their registry: cargo xtask figures --check");
+    figures::task(std::iter::once("--check".to_string()))?;
     let documentation = ["doc", "--workspace", "--no-deps", "--quiet"];
     step("documentation", &documentation, &[("RUSTDOCFLAGS", "-D warnings")])?;
     println!("xtask: all passed in {:.0} s", start.elapsed().as_secs_f64());

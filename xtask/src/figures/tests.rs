@@ -105,7 +105,8 @@ fn run(root: &Path, update: bool) -> (Result<()>, String) {
     let (texts, placed) = checked(&registry, root).unwrap();
     let runner =
         Runner { registry: &registry, root, folder: root.join("work"), program: "true".into(), reuse: false };
-    let placed = placed.into_iter().filter(|placed| placed.figure.kind != super::registry::Kind::Time).collect();
+    let placed =
+        placed.into_iter().filter(|placed| placed.figure.kind != super::registry::Kind::Time).collect();
     let options = Options { update, ..Options::default() };
     let outcome = compare(&runner, &texts, placed, &options, Class::Quick);
     (outcome, fs::read_to_string(root.join("page.md")).unwrap())
