@@ -1,7 +1,7 @@
 //! Directional albedo a(ω_i) = ∫ f(ω_i, ω_o) cosθ_o dω_o: the share of the light from one direction that is reflected. Above 1 a
 //! material makes energy, which cosine lobes can at grazing incidence.
 //!
-//! About its peak p = C ω_i a lobe is |p|ⁿ cosⁿγ, of which [`clipped`] has the part above the horizon.
+//! About its peak p = C ω_i a lobe is |p|ⁿ cosⁿγ, of which the module `clipped` has the part above the horizon.
 
 mod clipped;
 
