@@ -149,7 +149,7 @@ impl Workspace {
         let Some(below) = below else { return false };
         let at = solver.evaluate(task.family, task.diffuse, &below.model);
         let layout = solver.layout(task.family, task.diffuse, &below.model);
-        search.promise(solver, bank, task, &below.model, &at)
+        search.scores.promise(solver, bank, task, &below.model, &at)
             < PROMISING * uncertainty::variance(solver, layout, &at)
     }
 

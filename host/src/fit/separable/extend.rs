@@ -13,7 +13,8 @@ use super::bank::Bank;
 use super::choice;
 use super::shape::Family;
 use super::solver::Solver;
-use super::start::{self, Effort, Found, Known, Search, Task};
+use super::search::Search;
+use super::start::{self, Effort, Found, Known, Task};
 
 /// Widths from which a microfacet term is optimised.
 const COAT_WIDTHS: [f64; 6] = [0.01, 0.03, 0.08, 0.2, 0.4, 0.8];

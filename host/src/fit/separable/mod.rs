@@ -5,7 +5,7 @@
 //! sample, not to a channel: the proportional residual takes them from the sample's luminance, and s_c makes up for how much
 //! darker or brighter the channel is on the whole.
 //!
-//! From the outside in: [`texel`] fits one texel, [`climb`] goes from simpler fits to larger ones, [`start`] finds where to begin, with a [`bank`] of shapes, [`solver`] optimises, [`normal`] does the small linear
+//! From the outside in: [`texel`] fits one texel, [`climb`] goes from simpler fits to larger ones, [`start`] says what a fit is to be and follows neighbours, [`search`] finds where to begin, by the [`score`] of a [`bank`] of shapes, [`solver`] optimises, [`normal`] does the small linear
 //! algebra on the products of the [`columns`] that [`shape`] defines over the [`data`], with [`math`] that vectorises; [`extended`] has what a model may have beyond plain lobes, and [`extend`] says when; [`robust`] weighs outliers less; [`bound`] keeps directional albedos below 1, [`uncertainty`] says how sure the result is, [`choice`] how many lobes it takes, [`mirror`] finds peaks that no lobe should be fitted to, [`prior`] decides what the poses do not tell.
 
 pub mod bank;
@@ -28,6 +28,8 @@ pub mod prior;
 #[cfg(feature = "sim")]
 mod rig_tests;
 pub mod robust;
+pub mod score;
+pub mod search;
 pub mod shape;
 pub mod solver;
 pub mod start;

@@ -19,7 +19,8 @@ use super::prior;
 use super::robust;
 use super::shape::Family;
 use super::solver::{Solver, UNTOLD, WILD};
-use super::start::{self, Effort, Search, Task};
+use super::search::Search;
+use super::start::{self, Effort, Task};
 use super::uncertainty::{self, Sigma};
 use crate::reflectance::{LobeBrdf, Microfacet, Rgb};
 use crate::sampled::SampledSbrdf;
@@ -336,7 +337,6 @@ impl Workspace {
             let mut limits = solver.wild(of, task.choose, &below.model, &at).unwrap_or(WILD);
             limits[below.model.lobes.len()] = UNTOLD;
             solver.tame(limits);
-            let task = Task { effort: Effort { beam: 1, ..task.effort }, ..task };
             starts.extend(search.one_more(solver, bank, task, &below.model).map(|model| (model, limits)));
         }
         let mut best: Option<(f64, Model, _)> = None;
