@@ -171,6 +171,10 @@ impl Workspace {
         let floor = below.into_iter().chain(wide).map(|known| known.cost).fold(f64::INFINITY, f64::min);
         let followed = start.map(|(_, near)| start::follow(solver, task, near, floor, wide));
         match followed {
+            // Of three lobes and more a neighbour's may be good, and others better.
+            Some((found, true)) if task.lobes > 2 && !task.choose => {
+                search.exchanged(solver, bank, task, found)
+            }
             Some((found, true)) => found,
             followed => search.rung(solver, bank, task, [below, wide], followed.map(|(found, _)| found)),
         }

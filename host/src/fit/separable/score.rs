@@ -44,7 +44,7 @@ impl Scores {
         self.list(solver, task, model, at);
         self.score(solver, bank);
         let best = self.scores.iter().copied().fold(0.0, f32::max);
-        let ridge = self.best_of_ridge(solver).map_or(0.0, |(score, ..)| score);
+        let ridge = self.best_of_ridge(solver, 1).first().map_or(0.0, |best| best.0);
         f64::from(best.max(ridge))
     }
 
@@ -63,14 +63,14 @@ impl Scores {
         let maxima = (0..self.scores.len()).filter(|&i| self.is_maximum(bank, i));
         let mut starts: Vec<(f32, f64, usize)> =
             maxima.map(|i| (self.scores[i], bank.angles[i / EXPONENTS], i % EXPONENTS)).collect();
-        starts.extend(self.best_of_ridge(solver));
+        starts.extend(self.best_of_ridge(solver, task.effort.ridge));
         starts.sort_by(|a, b| b.0.total_cmp(&a.0));
         starts
     }
 
-    /// The best lobe, with its score, whose highlight passes through one of the poses with the largest residuals. The directions of the
-    /// bank lie too far apart for sharp highlights that few poses meet.
-    fn best_of_ridge(&mut self, solver: &Solver) -> Option<(f32, f64, usize)> {
+    /// The best lobes, with their scores, whose highlights pass through the poses with the largest residuals, at most `count`. The directions of
+    /// the bank lie too far apart for sharp highlights that few poses meet.
+    fn best_of_ridge(&mut self, solver: &Solver, count: usize) -> Vec<(f32, f64, usize)> {
         let products = &solver.data.products;
         let residuals = &self.lists[..products.plane.len()];
         let mut largest: Vec<usize> = (0..residuals.len()).filter(|&k| residuals[k] > 0.0).collect();
@@ -84,9 +84,16 @@ impl Scores {
         let mut ridge = std::mem::take(&mut self.ridge);
         solver.arch.dispatch(Fill(&mut ridge, &angles, products, solver.data.cone));
         self.score(solver, &ridge);
-        let scores = self.scores.iter().enumerate().filter(|(_, score)| score.is_finite());
-        let best = scores.max_by(|a, b| a.1.total_cmp(b.1));
-        let best = best.map(|(i, &score)| (score, ridge.angles[i / EXPONENTS], i % EXPONENTS));
+        let by_direction = self.scores.chunks_exact(EXPONENTS).zip(&ridge.angles);
+        let mut best: Vec<(f32, f64, usize)> = by_direction
+            .filter_map(|(scores, &angle)| {
+                let scores = scores.iter().copied().enumerate().filter(|(_, score)| score.is_finite());
+                let best = scores.max_by(|a, b| a.1.total_cmp(&b.1));
+                best.map(|(exponent, score)| (score, angle, exponent))
+            })
+            .collect();
+        best.sort_by(|a, b| b.0.total_cmp(&a.0));
+        best.truncate(count);
         self.ridge = ridge;
         best
     }

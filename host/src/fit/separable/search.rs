@@ -169,15 +169,21 @@ impl Search {
 
     /// A fit with lobes exchanged, one after the other, for better ones of the bank as long as that lowers the cost: with three lobes and more, one
     /// that stands where two of them would do better lets no single lobe be added there.
-    fn exchanged(&mut self, solver: &mut Solver, bank: &Bank, task: Task, mut best: Known) -> Known {
+    pub fn exchanged(&mut self, solver: &mut Solver, bank: &Bank, task: Task, mut best: Known) -> Known {
         let (mut place, mut kept) = (0, 0);
         while kept < best.model.lobes.len() {
             let mut rest = best.model.clone();
             rest.lobes.remove(place % best.model.lobes.len());
             place += 1;
             kept += 1;
-            let tries = self.extended(solver, bank, task, &[Candidate::of(rest)], true);
-            for Candidate { cost, mut model } in tries {
+            let (hoped, mut sets) = self.proposed(solver, bank, task, &rest);
+            if hoped > HOPEFUL * best.cost {
+                continue;
+            }
+            tried_out(solver, task, &mut sets);
+            sets.sort_by(|a, b| a.cost.total_cmp(&b.cost));
+            sets.dedup_by(|b, a| (b.cost - a.cost).abs() <= ALIKE * a.cost);
+            for Candidate { cost, mut model } in sets.into_iter().take(task.effort.beam) {
                 let same = (cost - best.cost).abs() <= ALIKE * best.cost;
                 if same || cost > HOPEFUL * best.cost {
                     continue;
@@ -219,26 +225,43 @@ impl Search {
         beam: &[Candidate],
         tried: bool,
     ) -> Vec<Candidate> {
-        let Task { family, diffuse, effort, .. } = task;
-        let mut next = Vec::with_capacity(effort.tries * beam.len());
+        let mut next = Vec::with_capacity(task.effort.tries * beam.len());
         for set in beam {
-            let at = solver.evaluate(family, diffuse, &set.model);
-            let maxima = self.scores.maxima(solver, bank, task, &set.model, &at);
-            for (_, angle, exponent) in maxima.into_iter().take(effort.tries) {
-                let mut model = set.model.clone();
-                model.lobes.push(ModelLobe::unit(isotropic_c(angle), f64::from(1u32 << exponent)));
-                next.push(Candidate::of(model));
-            }
+            next.extend(self.proposed(solver, bank, task, &set.model).1);
         }
-        let few = Limits { iterations: effort.steps, ..effort.limits };
         if next.len() > 1 || tried {
-            for candidate in &mut next {
-                candidate.cost = minimise(solver, task, few, &mut candidate.model).1.cost;
-            }
+            tried_out(solver, task, &mut next);
         }
         next.sort_by(|a, b| a.cost.total_cmp(&b.cost));
         next.dedup_by(|b, a| (b.cost - a.cost).abs() <= 1e-5 * a.cost);
-        next.truncate(effort.beam);
+        next.truncate(task.effort.beam);
         next
+    }
+
+    /// The model with one lobe of the bank more, for the best of its shapes, and the cost that the best of them would come to, to first order and at best.
+    fn proposed(
+        &mut self,
+        solver: &mut Solver,
+        bank: &Bank,
+        task: Task,
+        model: &Model,
+    ) -> (f64, Vec<Candidate>) {
+        let at = solver.evaluate(task.family, task.diffuse, model);
+        let maxima = self.scores.maxima(solver, bank, task, model, &at);
+        let left = at.cost - maxima.first().map_or(0.0, |best| f64::from(best.0));
+        let with = |&(_, angle, exponent): &(f32, f64, usize)| {
+            let mut model = model.clone();
+            model.lobes.push(ModelLobe::unit(isotropic_c(angle), f64::from(1u32 << exponent)));
+            Candidate::of(model)
+        };
+        (left, maxima.iter().take(task.effort.tries).map(with).collect())
+    }
+}
+
+/// Optimises sets for a few steps.
+fn tried_out(solver: &mut Solver, task: Task, sets: &mut [Candidate]) {
+    let few = Limits { iterations: task.effort.steps, ..task.effort.limits };
+    for set in sets {
+        set.cost = minimise(solver, task, few, &mut set.model).1.cost;
     }
 }

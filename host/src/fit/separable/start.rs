@@ -15,6 +15,8 @@ use super::uncertainty;
 pub struct Effort {
     /// Shapes tried as the next lobe of each set.
     pub tries: usize,
+    /// Of them, those whose highlights pass through the largest residuals.
+    pub ridge: usize,
     /// Steps for each of them.
     pub steps: usize,
     /// Sets that go on to the next lobe.
@@ -28,15 +30,15 @@ impl Effort {
     /// more, sets of shapes compete that look alike for the first few steps.
     pub fn texel(lobes: usize) -> Self {
         if lobes <= 2 {
-            return Self { tries: 3, steps: 3, beam: 2, limits: Limits { iterations: 40, tolerance: 1e-5 } };
+            return Self { tries: 3, ridge: 1, steps: 3, beam: 2, limits: Limits { iterations: 40, tolerance: 1e-5 } };
         }
-        Self { tries: 4, steps: 6, beam: 3, limits: Limits { iterations: 60, tolerance: 1e-6 } }
+        Self { tries: 6, ridge: 3, steps: 6, beam: 3, limits: Limits { iterations: 60, tolerance: 1e-6 } }
     }
 
     /// For a texel from which others start.
     pub fn thorough(lobes: usize) -> Self {
-        let Self { limits, .. } = Self::texel(lobes);
-        Self { tries: 6, steps: 8, beam: 6, limits }
+        let Self { ridge, limits, .. } = Self::texel(lobes);
+        Self { tries: 6, ridge, steps: 8, beam: 6, limits }
     }
 }
 
