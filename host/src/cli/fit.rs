@@ -310,7 +310,7 @@ fn made(args: &FitArgs, report: &Report) -> Texts {
 fn fit_input(args: &FitArgs, seed: u64) -> Result<FitOutcome> {
     args.output.iter().try_for_each(|output| files::try_file(output))?;
     if let Some(output) = &args.output
-        && output.extension().is_none_or(|extension| extension != "exr")
+        && files::ending(output) != "exr"
     {
         return Err(Error::input(format!("{}: an SBRDF map's name ends in .exr", output.display())));
     }
@@ -320,11 +320,11 @@ fn fit_input(args: &FitArgs, seed: u64) -> Result<FitOutcome> {
     let Some(input) = &args.input else {
         return Err(Error::input("there is nothing to fit: name a sampled SBRDF or a measured table"));
     };
-    match input.extension().and_then(|extension| extension.to_str()) {
-        Some("zarr") => fit_sampled(args, input),
-        Some("brdf" | "dat" | "txt" | "binary") => table::fit(args, input, seed),
+    match files::ending(input).as_str() {
+        "zarr" => fit_sampled(args, input),
+        "brdf" | "dat" | "txt" | "alta" | "binary" => table::fit(args, input, seed),
         _ => Err(Error::input(format!(
-            "{}: `fit` reads a sampled SBRDF (.zarr) or a measured table (.brdf, .dat, .txt, .binary); the name's ending must say which",
+            "{}: `fit` reads a sampled SBRDF (.zarr) or a measured table (.brdf, .dat, .txt, .alta, .binary); the name's ending must say which",
             input.display()
         ))),
     }

@@ -6,10 +6,10 @@ use clap::Args;
 
 use super::Context;
 use crate::error::{Error, Result};
-use crate::memory;
 use crate::reflectance::{Brdf, SbrdfMap, materials};
 use crate::sampled::SampledSbrdf;
 use crate::synth::{self, Options};
+use crate::{files, memory};
 
 /// Arguments of `lobelia synth`.
 #[derive(Debug, Clone, Args)]
@@ -110,15 +110,15 @@ fn fits(width: usize, height: usize, poses: usize) -> Result<()> {
 /// The samples of what `material` names.
 fn sampled(material: &str, options: Options) -> Result<SampledSbrdf> {
     let path = Path::new(material);
-    match path.extension().and_then(|extension| extension.to_str()) {
-        Some("exr") => {
+    match files::ending(path).as_str() {
+        "exr" => {
             let map = SbrdfMap::read_exr(path).map_err(|error| Error::input(error.to_string()))?;
             let options = Options { width: map.width, height: map.height, ..options };
             fits(map.width, map.height, options.poses)?;
             Ok(synth::sample(&options, |index, _, wi, wo| map.eval(index, wi, wo)))
         }
         #[cfg(feature = "sim")]
-        Some("toml") => {
+        "toml" => {
             let carrier = crate::rig::config::Carrier {
                 sample_width_mm: options.width as f64 * options.texel_mm,
                 sample_height_mm: options.height as f64 * options.texel_mm,

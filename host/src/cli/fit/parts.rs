@@ -5,6 +5,7 @@ use std::time::Instant;
 
 use super::{FitArgs, FitOutcome, output, print, sampled_options, sampled_outcome, write_levels, write_map};
 use crate::error::{Error, Result};
+use crate::files;
 use crate::fit::FitOptions;
 use crate::fit::chunks::{self, Part};
 use crate::provenance::Texts;
@@ -15,7 +16,7 @@ impl FitArgs {
     /// option.
     pub(super) fn with_store_named_last(&self) -> Self {
         let mut args = self.clone();
-        let is_store = |path: &PathBuf| path.extension().is_some_and(|extension| extension == "zarr");
+        let is_store = |path: &PathBuf| files::ending(path) == "zarr";
         if args.input.is_none()
             && let Some(place) = args.merge.iter().position(is_store)
         {
