@@ -58,9 +58,13 @@ impl Error {
         Self::failure(format!("{}: cannot be written: {}", path.display(), one_line(error)))
     }
 
-    /// Puts a place (file, pose, texel) in front of the sentence.
+    /// Puts a place (file, pose, texel) in front of the sentence, unless it is there already.
     pub fn at(mut self, place: impl fmt::Display) -> Self {
-        self.message = format!("{place}: {}", self.message);
+        let place = place.to_string();
+        let named = self.message.strip_prefix(&place).is_some_and(|rest| rest.starts_with([':', ',']));
+        if !named {
+            self.message = format!("{place}: {}", self.message);
+        }
         self
     }
 
@@ -108,5 +112,14 @@ mod tests {
         let text = Error::reading(path, "at line 3\n  |\n  ^ here").to_string();
         assert_eq!(text, "a folder/m.obj: cannot be read: at line 3 | ^ here");
         assert_eq!(Error::reading(path, "a folder/m.obj: damaged").to_string(), "a folder/m.obj: damaged");
+    }
+
+    #[test]
+    fn a_place_is_named_once() {
+        let error = Error::input("m.obj, line 3: damaged").at("m.obj");
+        assert_eq!(error.to_string(), "m.obj, line 3: damaged");
+        assert_eq!(error.at("scene.toml").at("scene.toml").to_string(), "scene.toml: m.obj, line 3: damaged");
+        // Another file whose name begins alike.
+        assert_eq!(Error::input("m.obj2: damaged").at("m.obj").to_string(), "m.obj: m.obj2: damaged");
     }
 }

@@ -47,6 +47,11 @@ pub fn try_folder(path: &Path) -> Result<()> {
     durable::try_writing(&path.join("file")).map_err(|error| Error::writing(path, error))
 }
 
+/// What a file's name ends in, in small letters whatever the name has; empty without a point.
+pub fn ending(path: &Path) -> String {
+    path.extension().unwrap_or_default().to_string_lossy().to_lowercase()
+}
+
 /// Creates a folder and its parents, there to stay.
 ///
 /// # Errors

@@ -10,6 +10,7 @@ use crate::acquire::sha256;
 use crate::error::{Error, Result};
 use crate::files;
 use crate::fit::figures::ErrorFigure;
+use crate::provenance;
 
 /// What a command did, with what, how long it took and how wrong it is.
 #[derive(Debug, Clone, Serialize)]
@@ -18,6 +19,8 @@ pub struct Report {
     pub lobelia: String,
     /// The subcommand.
     pub command: String,
+    /// When it began, UTC.
+    pub date: String,
     /// The command line after the program's name.
     pub arguments: Vec<String>,
     /// Seed of every random choice.
@@ -54,7 +57,7 @@ pub struct Machine {
 pub struct Input {
     /// As named by the user.
     pub path: String,
-    /// Hash of the file; for a folder, none.
+    /// Hash of the file; of a folder, as which a report has it, that of its files' names and hashes.
     pub sha256: Option<String>,
 }
 
@@ -73,6 +76,7 @@ impl Report {
         Self {
             lobelia: env!("CARGO_PKG_VERSION").into(),
             command: command.into(),
+            date: provenance::now(),
             arguments: std::env::args().skip(1).collect(),
             seed,
             machine: Machine { cpu: cpu_name(), cores: rayon::current_num_threads(), gpu: None },
@@ -109,8 +113,21 @@ impl Report {
         self.stages.iter().map(|stage| stage.seconds).sum()
     }
 
-    /// Notes the peak of memory so far; called last.
+    /// Notes an input of which a part tells which one it is, with the hash of that.
+    pub fn input_by(&mut self, path: &Path, sha256: String) {
+        self.inputs.push(Input { path: path.display().to_string(), sha256: Some(sha256) });
+    }
+
+    /// What a file that this command made says of it.
+    pub fn provenance(&self) -> provenance::Texts {
+        provenance::texts(&self.arguments, &self.inputs)
+    }
+
+    /// Notes the hashes of folders, which take as long as reading them, and the peak of memory so far; called last.
     pub fn finish(&mut self) {
+        for input in self.inputs.iter_mut().filter(|input| input.sha256.is_none()) {
+            input.sha256 = folder_sha256(Path::new(&input.path));
+        }
         self.peak_memory_bytes = peak_memory_bytes();
     }
 
@@ -123,6 +140,23 @@ impl Report {
             .map_err(|error| Error::failure(format!("the report cannot be written: {error}")))?;
         files::write_bytes(path, &text)
     }
+}
+
+/// Hash of the names and hashes of all files in a folder; none where one cannot be read.
+fn folder_sha256(folder: &Path) -> Option<String> {
+    let mut entries: Vec<_> = std::fs::read_dir(folder).ok()?.collect::<std::io::Result<_>>().ok()?;
+    entries.sort_by_key(std::fs::DirEntry::file_name);
+    let mut all = String::new();
+    for entry in entries {
+        let path = entry.path();
+        let hash = if path.is_dir() {
+            folder_sha256(&path)
+        } else {
+            std::fs::read(&path).ok().map(|bytes| sha256(&bytes))
+        };
+        all += &format!("{} {}\n", entry.file_name().to_string_lossy(), hash?);
+    }
+    Some(sha256(all.as_bytes()))
 }
 
 /// The processor's name as Linux tells it, or the architecture.
@@ -147,4 +181,31 @@ fn peak_memory_bytes() -> u64 {
     let line = status.lines().find_map(|line| line.strip_prefix("VmHWM:"));
     let kib = line.and_then(|text| text.trim().trim_end_matches("kB").trim().parse::<u64>().ok());
     kib.unwrap_or(0) * 1024
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_folder_s_hash_is_that_of_its_files_and_their_names() {
+        let folder = tempfile::tempdir().unwrap();
+        let of = |name: &str, content: &str| {
+            files::write_bytes(&folder.path().join("store/c/0"), b"chunk").unwrap();
+            files::write_bytes(&folder.path().join("store").join(name), content.as_bytes()).unwrap();
+            let mut report = Report::new("fit", 1);
+            report.input(&folder.path().join("store"));
+            report.finish();
+            std::fs::remove_dir_all(folder.path().join("store")).unwrap();
+            report.inputs[0].sha256.clone().unwrap()
+        };
+        let hash = of("zarr.json", "{}");
+        assert!(hash.len() == 64 && hash == of("zarr.json", "{}"));
+        assert!(hash != of("zarr.json", "[]") && hash != of("other.json", "{}"));
+        let mut report = Report::new("fit", 1);
+        report.input(&folder.path().join("gone"));
+        report.finish();
+        assert_eq!(report.inputs[0].sha256, None);
+        assert!(report.date.starts_with("20") && report.date.ends_with('Z'), "{}", report.date);
+    }
 }

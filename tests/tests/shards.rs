@@ -59,6 +59,9 @@ fn two_processes_and_a_merge_give_the_bytes_of_one_run_and_can_be_started_again(
     }
     succeed(path, &["fit", "--merge", "b.exr", "a.exr", "-o", "finest.exr"]);
     assert!(bytes("finest.exr") == bytes("whole.exr") && !path.join("finest.mip1.exr").exists());
+    // A store that is named behind the shards is no shard.
+    succeed(path, &["fit", "--merge", "b.exr", "a.exr", "s.zarr", "-o", "finest.exr"]);
+    assert!(bytes("finest.exr") == bytes("whole.exr"));
     let others = ["fit", "s.zarr", "--lobes", "0", "--mip", "--merge", "b.exr", "a.exr", "-o", "m.exr"];
     run(path, &others).refuses(2, &["b.exr", "other options"]);
     let blind = ["fit", "--lobes", "1", "--mip", "--merge", "b.exr", "a.exr", "-o", "m.exr"];

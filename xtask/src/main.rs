@@ -4,6 +4,7 @@ mod figures;
 mod firmware;
 mod packages;
 mod peers;
+mod target;
 
 use std::process::{Command, ExitCode};
 use std::time::Instant;

@@ -17,8 +17,9 @@ use exr::prelude::f16;
 use crate::FormatError;
 use crate::colour::Primaries;
 
-/// Pixels of a display window that are believed whatever the file's length: what lies outside the data window costs the file nothing.
-const MOST_EMPTY_PIXELS: usize = 1 << 24;
+/// Values of a display window, over the channels that are read, that are believed whatever the file's length: what lies outside the
+/// data window costs the file nothing.
+const MOST_EMPTY_VALUES: usize = 1 << 26;
 
 /// One layer, or part, of a file: the pixels of its display window.
 #[derive(Debug, Clone, PartialEq)]
@@ -155,7 +156,9 @@ impl Placed {
         let display = header.shared_attributes.display_window;
         let size = [display.size.width(), display.size.height()];
         let data = header.layer_size.width() * header.layer_size.height();
-        let count = size[0].checked_mul(size[1]).filter(|&count| count <= data.max(MOST_EMPTY_PIXELS));
+        let count = size[0]
+            .checked_mul(size[1])
+            .filter(|&count| count <= data.max(MOST_EMPTY_VALUES / wanted.len().max(1)));
         let too_large = || {
             format!(
                 "its display window of {} × {} pixels is much larger than its data window; crop it",

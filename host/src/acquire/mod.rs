@@ -25,6 +25,9 @@ mod watch;
 /// Name of the rig's file in a run's folder.
 pub const RIG_FILE: &str = "rig.toml";
 
+/// Name of the plan in a run's folder.
+pub const PLAN_FILE: &str = "plan.toml";
+
 use journal::{ExposureRecord, Journal, Record};
 use station::{Shot, Station, check_interrupt};
 
@@ -64,7 +67,7 @@ impl RunFolder {
         let rig_text = toml::to_string(rig).map_err(|error| Error::failure(format!("rig.toml: {error}")))?;
         let plan_text = plan.to_toml()?;
         files::write_bytes(&path.join(RIG_FILE), rig_text.as_bytes())?;
-        files::write_bytes(&path.join("plan.toml"), plan_text.as_bytes())?;
+        files::write_bytes(&path.join(PLAN_FILE), plan_text.as_bytes())?;
         let started = Record::Started {
             lobelia: env!("CARGO_PKG_VERSION").into(),
             plan_sha256: sha256(plan_text.as_bytes()),
@@ -112,7 +115,7 @@ impl RunFolder {
             let message = || Error::input(format!("{}: changed since the run began{hint}", file.display()));
             if changed { Err(message()) } else { Ok(()) }
         };
-        let (rig_path, plan_path) = (path.join(RIG_FILE), path.join("plan.toml"));
+        let (rig_path, plan_path) = (path.join(RIG_FILE), path.join(PLAN_FILE));
         let rig = match other {
             Some(rig) => rig,
             None => {

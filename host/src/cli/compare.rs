@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use clap::Args;
 
 use super::Context;
+use crate::acquire::journal;
 use crate::compare;
 use crate::error::{Error, Result};
 use crate::files;
@@ -32,7 +33,15 @@ pub(super) struct CompareArgs {
 
 /// Runs `lobelia compare`.
 pub(super) fn run(args: &CompareArgs, context: &mut Context) -> Result<()> {
+    if args.run.is_file() && args.material.is_dir() {
+        return Err(Error::input(format!(
+            "{} is a folder and {} a file; the run comes first: lobelia compare RUN MAP.exr",
+            args.material.display(),
+            args.run.display()
+        )));
+    }
     files::try_folder(&args.output)?;
+    context.report.input(&args.run.join(journal::FILE_NAME));
     context.report.input(&args.material);
     let map = SbrdfMap::read_exr(&args.material).map_err(|error| Error::reading(&args.material, error))?;
     let (compared, chart) = context.report.stage("compare", || compare::run(&args.run, &map, &args.pose))?;

@@ -6,11 +6,12 @@ use std::str::FromStr;
 use clap::Args;
 
 use super::Context;
-use crate::acquire::{RIG_FILE, RunFolder, journal};
+use crate::acquire::{PLAN_FILE, RIG_FILE, RunFolder, journal};
 use crate::develop::{self, Developed, Options};
 use crate::error::{Error, Result};
 use crate::files;
 use crate::fit::figures::ErrorFigure;
+use crate::report::Report;
 use crate::rig::config::RigConfig;
 use crate::sampled::{Attributes, SampledSbrdf, Window};
 
@@ -99,9 +100,14 @@ pub(super) fn run(args: &DevelopArgs, context: &mut Context) -> Result<()> {
     SampledSbrdf::may_write_zarr(&args.output)?;
     context.report.input(&args.run.join(journal::FILE_NAME));
     args.rig.iter().for_each(|path| context.report.input(path));
-    let (options, texts) = args.options()?;
+    let (options, mut texts) = args.options()?;
     let developed = context.report.stage("develop", || develop::run_with(&args.run, &options))?;
     tell(&developed, context);
+    // The journal has times of its own, which a run that was interrupted has otherwise.
+    let mut made = Report { inputs: Vec::new(), ..context.report.clone() };
+    [PLAN_FILE, RIG_FILE].iter().for_each(|name| made.input(&args.run.join(name)));
+    args.rig.iter().for_each(|path| made.input(path));
+    texts.extend(made.provenance());
     context.report.stage("write", || developed.sampled.write_zarr_with(&args.output, &texts))?;
     sum_up(&developed, &args.output, context);
     Ok(())

@@ -194,7 +194,7 @@ fn read_photo(path: &Path, context: &mut Context) -> Result<Photo> {
 
 /// Refuses an output whose name does not say what it is, or that cannot be written, before any work.
 fn ends_in(path: &Path, extension: &str) -> Result<()> {
-    if path.extension().is_some_and(|found| found == extension) {
+    if files::ending(path) == extension {
         return files::try_file(path);
     }
     Err(Error::input(format!("{}: the name must end in .{extension}", path.display())))
@@ -212,6 +212,7 @@ fn finish(mut map: SbrdfMap, what: &str, output: &Path, context: &Context) -> Re
         format!("{} sha256 {sha256}", name(Path::new(&input.path)))
     });
     edit::note(&mut map, format!("{what}; {}", inputs.collect::<Vec<_>>().join(", ")));
+    map.attributes.extend(context.report.provenance());
     map.write_exr(output).map_err(|error| Error::writing(output, error))?;
     println!("{}: {} × {} texels, {} lobes", output.display(), map.width, map.height, map.lobes.len());
     Ok(())

@@ -17,7 +17,9 @@ use crate::fit::extensions::{Extensions, Microfacets};
 use crate::fit::figures::ErrorFigure;
 use crate::fit::weights::Weights;
 use crate::fit::{AlbedoBound, Device, Diffuse, FitOptions, MOST_LOBES, Method, Residual, gpu, mip};
+use crate::provenance::Texts;
 use crate::reflectance::{SbrdfMap, albedo};
+use crate::report::Report;
 use crate::sampled::SampledStore;
 
 /// Directional albedo from which on a texel counts as making light: the error of a measurement's scale and of sums is below.
@@ -107,6 +109,9 @@ pub(super) struct FitArgs {
     /// Join the shards of all parts into the map: the same, byte for byte, as of one run
     #[arg(long, value_name = "SHARD.exr", num_args = 1..)]
     pub(super) merge: Vec<PathBuf>,
+    /// What the maps say of how they were made.
+    #[arg(skip)]
+    pub(super) made: Texts,
 }
 
 /// A number of lobes, or the choice left to the command.
@@ -275,12 +280,27 @@ impl FitArgs {
 /// # Errors
 /// As [`fit_input`].
 pub(super) fn run(args: &FitArgs, context: &mut super::Context) -> Result<()> {
+    let mut args = args.with_store_named_last();
     args.input.iter().chain(&args.merge).for_each(|path| context.report.input(path));
+    args.made = made(&args, &context.report);
     let seed = context.seed;
-    let outcome = context.report.stage("fit", || fit_input(args, seed))?;
+    let outcome = context.report.stage("fit", || fit_input(&args, seed))?;
     context.report.errors.extend(outcome.errors);
     context.report.figures.extend(outcome.figures);
     Ok(())
+}
+
+/// What maps say of how they were made. Of a sampled SBRDF the hash is that of its size and poses: one of the samples would take a
+/// third of a fit's time.
+fn made(args: &FitArgs, report: &Report) -> Texts {
+    let mut of_map = Report { inputs: Vec::new(), ..report.clone() };
+    if let Some(input) = &args.input {
+        match SampledStore::open(input) {
+            Ok(store) => of_map.input_by(input, store.geometry_sha256()),
+            Err(_) => of_map.input(input),
+        }
+    }
+    of_map.provenance()
 }
 
 /// Prints what was found to stdout and writes the map where one is asked for. `seed` is that of the random starts.
@@ -290,7 +310,7 @@ pub(super) fn run(args: &FitArgs, context: &mut super::Context) -> Result<()> {
 fn fit_input(args: &FitArgs, seed: u64) -> Result<FitOutcome> {
     args.output.iter().try_for_each(|output| files::try_file(output))?;
     if let Some(output) = &args.output
-        && output.extension().is_none_or(|extension| extension != "exr")
+        && files::ending(output) != "exr"
     {
         return Err(Error::input(format!("{}: an SBRDF map's name ends in .exr", output.display())));
     }
@@ -300,11 +320,11 @@ fn fit_input(args: &FitArgs, seed: u64) -> Result<FitOutcome> {
     let Some(input) = &args.input else {
         return Err(Error::input("there is nothing to fit: name a sampled SBRDF or a measured table"));
     };
-    match input.extension().and_then(|extension| extension.to_str()) {
-        Some("zarr") => fit_sampled(args, input),
-        Some("brdf" | "dat" | "txt" | "binary") => table::fit(args, input, seed),
+    match files::ending(input).as_str() {
+        "zarr" => fit_sampled(args, input),
+        "brdf" | "dat" | "txt" | "alta" | "binary" => table::fit(args, input, seed),
         _ => Err(Error::input(format!(
-            "{}: `fit` reads a sampled SBRDF (.zarr) or a measured table (.brdf, .dat, .txt, .binary); the name's ending must say which",
+            "{}: `fit` reads a sampled SBRDF (.zarr) or a measured table (.brdf, .dat, .txt, .alta, .binary); the name's ending must say which",
             input.display()
         ))),
     }
@@ -342,17 +362,18 @@ fn fit_sampled(args: &FitArgs, input: &Path) -> Result<FitOutcome> {
     say_when_interrupted(args.chunks.is_some());
     args.weigh(&mut options, &store);
     if let Some(part) = args.chunks {
-        return parts::fit(&store, &options, part, output);
+        return parts::fit(&store, &options, part, output, &args.made);
     }
     if args.device == DeviceName::Auto {
         options.device = gpu::faster(&store, &options)?;
     }
     let start = Instant::now();
-    let map = chunks::fit_store(&store, &options)?;
+    let mut map = chunks::fit_store(&store, &options)?;
     let seconds = start.elapsed().as_secs_f64();
+    map.attributes.extend(args.made.clone());
     write_map(&map, output)?;
     if args.mip {
-        write_levels(&store, &options, output)?;
+        write_levels(&store, &options, output, &args.made)?;
     }
     let outcome = sampled_outcome(&map, seconds);
     let (texels, poses) = (store.width * store.height, store.poses.len());
@@ -408,9 +429,11 @@ fn sampled_options(args: &FitArgs) -> Result<FitOptions> {
 }
 
 /// Fits all MIP levels but the finest and writes each beside it.
-fn write_levels(store: &SampledStore, options: &FitOptions, finest: &Path) -> Result<()> {
+fn write_levels(store: &SampledStore, options: &FitOptions, finest: &Path, made: &Texts) -> Result<()> {
     for level in 1..=mip::last([store.width, store.height]) {
-        write_map(&chunks::fit_level(store, options, level)?, &mip::path(finest, level))?;
+        let mut map = chunks::fit_level(store, options, level)?;
+        map.attributes.extend(made.clone());
+        write_map(&map, &mip::path(finest, level))?;
     }
     Ok(())
 }

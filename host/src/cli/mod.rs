@@ -1,9 +1,10 @@
 //! The `lobelia` command: one file a subcommand, thin over the library.
 
+use std::any::TypeId;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
-use clap::{Args, CommandFactory, FromArgMatches, Parser, Subcommand};
+use clap::{ArgMatches, Args, CommandFactory, FromArgMatches, Parser, Subcommand};
 
 use crate::error::{Error, Result};
 use crate::report::Report;
@@ -24,6 +25,9 @@ mod rig;
 mod stability;
 mod synth;
 mod template;
+
+/// Threads at most: more than any machine has cores, and few enough that every system starts them.
+const MOST_THREADS: usize = 1024;
 
 /// Measures how flat materials reflect light at every texel, fits that with a few lobes, and renders it.
 #[derive(Debug, Parser)]
@@ -149,9 +153,14 @@ impl Context {
 
 /// Runs the command line and gives the process's exit code: 0, 2 for bad input, 1 for a failure.
 pub fn main() -> ExitCode {
-    let matches = negative_numbers(Cli::command()).get_matches();
+    let command = negative_numbers(Cli::command());
+    let matches = command.clone().get_matches();
     let cli = Cli::from_arg_matches(&matches).unwrap_or_else(|error| error.exit());
-    match run(cli) {
+    let outcome = match not_finite(&command, &matches) {
+        Some(refused) => Err(Error::input(refused)),
+        None => run(cli),
+    };
+    match outcome {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
             eprintln!("lobelia: {error}");
@@ -170,11 +179,34 @@ fn negative_numbers(command: clap::Command) -> clap::Command {
     command.mut_subcommands(negative_numbers)
 }
 
+/// What is wrong with a number on the command line that is NaN or infinite: no option has a use for such, and a comparison with NaN may
+/// never end.
+fn not_finite(command: &clap::Command, matches: &ArgMatches) -> Option<String> {
+    let of_command = command.get_arguments().filter(|arg| takes_fraction(arg)).find_map(|arg| {
+        let given = matches.try_get_raw(arg.get_id().as_str()).ok()??;
+        let wrong = given
+            .filter_map(|value| value.to_str())
+            .find(|value| value.trim().parse().is_ok_and(|number: f64| !number.is_finite()))?;
+        let name = arg.get_long().map_or_else(|| arg.get_id().to_string(), |name| format!("--{name}"));
+        Some(format!("{name} is {wrong}, must be a finite number"))
+    });
+    of_command.or_else(|| {
+        let (name, matches) = matches.subcommand()?;
+        not_finite(command.find_subcommand(name)?, matches)
+    })
+}
+
+/// Whether an argument's value is a number that need not be whole.
+fn takes_fraction(arg: &clap::Arg) -> bool {
+    let kind = arg.get_value_parser().type_id();
+    arg.get_action().takes_values() && (kind == TypeId::of::<f64>() || kind == TypeId::of::<f32>())
+}
+
 fn run(cli: Cli) -> Result<()> {
     progress::set_quiet(cli.global.quiet);
     if let Some(threads) = cli.global.threads {
-        if threads == 0 {
-            return Err(Error::input("--threads must be at least 1"));
+        if !(1..=MOST_THREADS).contains(&threads) {
+            return Err(Error::input(format!("--threads is {threads}, must be 1 to {MOST_THREADS}")));
         }
         rayon::ThreadPoolBuilder::new()
             .num_threads(threads)
@@ -223,6 +255,27 @@ mod tests {
     #[test]
     fn the_command_line_is_consistent() {
         negative_numbers(Cli::command()).debug_assert();
+    }
+
+    #[test]
+    fn numbers_that_are_not_finite_are_refused_in_every_command() {
+        let command = negative_numbers(Cli::command());
+        let refused = |line: &str| {
+            let matches = command.clone().try_get_matches_from(line.split(' ')).unwrap();
+            not_finite(&command, &matches)
+        };
+        let wrong = refused("lobelia render scene.toml -o a.png --max-error nan").unwrap();
+        assert_eq!(wrong, "--max-error is nan, must be a finite number");
+        assert!(refused("lobelia rig move --port sim --pan-deg -inf").unwrap().contains("--pan-deg is -inf"));
+        assert!(refused("lobelia prefilter sky -n 4,NaN").unwrap().contains("--exponent is NaN"));
+        assert!(refused("lobelia fit a.brdf --wavelengths-nm 450,inf").is_some());
+        assert_eq!(refused("lobelia render nan -o a.png --max-error 0.1"), None);
+        // All of them, by the grammar.
+        fn fractions(command: &clap::Command) -> usize {
+            let own = command.get_arguments().filter(|arg| takes_fraction(arg)).count();
+            own + command.get_subcommands().map(fractions).sum::<usize>()
+        }
+        assert!(fractions(&command) > 25, "{}", fractions(&command));
     }
 
     #[test]

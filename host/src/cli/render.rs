@@ -9,6 +9,7 @@ use crate::chart::Table;
 use crate::error::{Error, Result};
 use crate::files;
 use crate::fit::figures::ErrorFigure;
+use crate::memory;
 use crate::render::choose::{Model, Tried, taken};
 use crate::render::compare::{Errors, compare};
 use crate::render::lights::{self, Filtering};
@@ -33,7 +34,7 @@ pub(super) struct RenderArgs {
     /// or the most below that the GPU can], of environment [default: 16]
     #[arg(long, value_parser = clap::value_parser!(u32).range(1..=1_048_576))]
     pub(super) samples: Option<u32>,
-    /// Seconds that the reference may take at most
+    /// Seconds that the reference may take for a view at most, reading and preparing the scene aside; every pixel gets a sample at least
     #[arg(long)]
     pub(super) seconds: Option<f64>,
     /// Relative RMSE that the picture may have, 0.01 for 1 %: `auto` measures every method on a small view, takes the cheapest
@@ -150,6 +151,10 @@ pub(super) fn run(args: &RenderArgs, context: &mut Context) -> Result<()> {
         context.note(format!("{taken}: {note}"));
     }
     let rendering = &outcome.rendering;
+    if let Some(note) = &rendering.note {
+        context.note(note);
+        context.report.figure("note", note.as_str());
+    }
     let (picture, cost) = (&rendering.picture, &rendering.cost);
     let stages = outcome.stages.iter().map(|&(name, seconds)| Stage { name: name.into(), seconds });
     context.report.stages.extend(stages);
@@ -249,6 +254,11 @@ fn render_scene(args: &RenderArgs, seed: u64) -> Result<RenderOutcome> {
         return Err(Error::input(format!("{}: a variance image's name ends in .exr", path.display())));
     }
     args.output.iter().chain(&args.variance).try_for_each(|path| files::try_file(path))?;
+    for (name, budget) in [("seconds", args.seconds), ("max-error", args.max_error)] {
+        if let Some(value) = budget.filter(|value| value.is_nan() || *value <= 0.0) {
+            return Err(Error::input(format!("--{name} is {value}, must be above 0")));
+        }
+    }
     let settings = render::Settings {
         reference: args.settings(seed),
         lights: args.lights()?,
@@ -267,6 +277,12 @@ fn render_scene(args: &RenderArgs, seed: u64) -> Result<RenderOutcome> {
         };
     }
     let views = views(&scene, args)?;
+    for (camera, _) in &views {
+        // Means and variances of a pixel, and the picture in the forms that it is written in.
+        let pixels = u128::from(camera.width) * u128::from(camera.height);
+        let what = format!("a picture of {} × {} pixels", camera.width, camera.height);
+        memory::check(pixels * 64, &what, "give --width less")?;
+    }
     let against = args.against.as_deref().map(Picture::read_exr).transpose()?;
     let loaded = start.elapsed().as_secs_f64();
 
@@ -321,7 +337,8 @@ fn render_scene(args: &RenderArgs, seed: u64) -> Result<RenderOutcome> {
 /// # Errors
 /// Input errors for names with `#` beside others, or without an animation.
 fn views(scene: &Scene, args: &RenderArgs) -> Result<Vec<(Camera, Vec<PathBuf>)>> {
-    let numbered = |path: &PathBuf| path.to_string_lossy().contains('#');
+    // Of the name alone: folders may be called as they like.
+    let numbered = |path: &PathBuf| path.file_name().is_some_and(|name| name.to_string_lossy().contains('#'));
     let count = args.output.iter().filter(|path| numbered(path)).count();
     if count == 0 {
         return Ok(vec![(scene.camera, args.output.clone())]);
@@ -335,11 +352,11 @@ fn views(scene: &Scene, args: &RenderArgs) -> Result<Vec<(Camera, Vec<PathBuf>)>
         ));
     }
     let name = |path: &PathBuf, frame: u32| {
-        let text = path.to_string_lossy();
-        let digits = text.matches('#').count();
-        let start = text.find('#').unwrap_or_default();
-        let number = format!("{frame:0digits$}");
-        PathBuf::from(format!("{}{number}{}", &text[..start], text[start..].trim_start_matches('#')))
+        let text = path.file_name().unwrap_or_default().to_string_lossy();
+        let (begin, rest) = text.split_once('#').unwrap_or((&text, ""));
+        let end = rest.trim_start_matches('#');
+        let digits = 1 + rest.len() - end.len();
+        path.with_file_name(format!("{begin}{frame:0digits$}{end}"))
     };
     let frame = |frame| {
         let paths = args.output.iter().map(|path| name(path, frame)).collect();
@@ -445,6 +462,35 @@ mod tests {
         let outcome = render_scene(&args, 1).unwrap();
         assert_eq!((outcome.written.len(), outcome.rendering.picture.height), (24, 6));
         assert!(folder.path().join("f-00.png").exists() && folder.path().join("f-23.png").exists());
+    }
+
+    #[test]
+    fn a_folder_may_have_a_number_sign_in_its_name() {
+        let folder = tempfile::tempdir().unwrap();
+        let mut args = args(folder.path(), Method::Reference, &["take #2/a.png"]);
+        args.samples = Some(1);
+        assert_eq!(render_scene(&args, 1).unwrap().written, [folder.path().join("take #2/a.png")]);
+        args.scene = "studio-ball".into();
+        args.output = vec![folder.path().join("take #2/f-#.png")];
+        (args.width, args.height) = (Some(4), Some(3));
+        assert_eq!(render_scene(&args, 1).unwrap().written[11], folder.path().join("take #2/f-11.png"));
+    }
+
+    #[test]
+    fn budgets_that_are_no_numbers_and_pictures_larger_than_memory_are_refused_before_the_work() {
+        let folder = tempfile::tempdir().unwrap();
+        let args = || args(folder.path(), Method::Auto, &["a.png"]);
+        for (max_error, seconds, part) in [
+            (Some(f64::NAN), None, "--max-error is NaN"),
+            (Some(-0.1), None, "--max-error is -0.1"),
+            (None, Some(0.0), "--seconds is 0"),
+            (None, Some(f64::NAN), "--seconds is NaN"),
+        ] {
+            let error = render_scene(&RenderArgs { max_error, seconds, ..args() }, 1).unwrap_err();
+            assert!(error.exit_code() == 2 && error.to_string().contains(part), "{error}");
+        }
+        let error = render_scene(&RenderArgs { width: Some(100_000), ..args() }, 1).unwrap_err();
+        assert!(error.exit_code() == 2, "{error}");
     }
 
     #[test]

@@ -9,6 +9,7 @@ use crate::error::{Error, Result};
 use crate::reflectance::{Brdf, SbrdfMap, materials};
 use crate::sampled::SampledSbrdf;
 use crate::synth::{self, Options};
+use crate::{files, memory};
 
 /// Arguments of `lobelia synth`.
 #[derive(Debug, Clone, Args)]
@@ -51,8 +52,13 @@ fn parse_size(text: &str) -> std::result::Result<(usize, usize), String> {
 pub(super) fn run(args: &SynthArgs, context: &mut Context) -> Result<()> {
     SampledSbrdf::may_write_zarr(&args.output)?;
     let options = args.options(context.seed)?;
+    let file = Path::new(&args.material);
+    if file.is_file() {
+        context.report.input(file);
+    }
     let sampled = context.report.stage("sample", || sampled(&args.material, options))?;
-    context.report.stage("write", || sampled.write_zarr(&args.output))?;
+    let texts = context.report.provenance();
+    context.report.stage("write", || sampled.write_zarr_with(&args.output, &texts))?;
     context.report.figure("texels", sampled.texels());
     context.report.figure("poses", sampled.poses.len());
     println!(
@@ -80,6 +86,8 @@ impl SynthArgs {
         if self.poses == 0 {
             return Err(Error::input("--poses is 0, must be 1 or more"));
         }
+        let (width, height) = self.size;
+        fits(width, height, self.poses)?;
         Ok(Options {
             width: self.size.0,
             height: self.size.1,
@@ -92,17 +100,25 @@ impl SynthArgs {
     }
 }
 
+/// Refuses a sample that is larger than memory: a value and its standard deviation a channel.
+fn fits(width: usize, height: usize, poses: usize) -> Result<()> {
+    let bytes = (width as u128 * height as u128).saturating_mul(poses as u128).saturating_mul(3 * (4 + 2));
+    let what = format!("a sample of {width} × {height} texels × {poses} poses");
+    memory::check(bytes, &what, "give --size or --poses less")
+}
+
 /// The samples of what `material` names.
 fn sampled(material: &str, options: Options) -> Result<SampledSbrdf> {
     let path = Path::new(material);
-    match path.extension().and_then(|extension| extension.to_str()) {
-        Some("exr") => {
+    match files::ending(path).as_str() {
+        "exr" => {
             let map = SbrdfMap::read_exr(path).map_err(|error| Error::input(error.to_string()))?;
             let options = Options { width: map.width, height: map.height, ..options };
+            fits(map.width, map.height, options.poses)?;
             Ok(synth::sample(&options, |index, _, wi, wo| map.eval(index, wi, wo)))
         }
         #[cfg(feature = "sim")]
-        Some("toml") => {
+        "toml" => {
             let carrier = crate::rig::config::Carrier {
                 sample_width_mm: options.width as f64 * options.texel_mm,
                 sample_height_mm: options.height as f64 * options.texel_mm,

@@ -189,8 +189,9 @@ pub fn run(folder: &Path, settings: &Settings, report: &mut Report) -> Result<De
         let FitOptions { method, lobes, separate_channels, .. } = options;
         fits.push(FitOutcome { method, lobes, separate_channels, map, seconds, errors });
     }
-    if let Some(result) = fits.last() {
+    if let Some(result) = fits.last_mut() {
         let path = folder.join("material.exr");
+        result.map.attributes.extend(report.provenance());
         result.map.write_exr(&path).map_err(|error| Error::writing(&path, error))?;
     }
 

@@ -1,10 +1,9 @@
-//! Reads camera frames: 16-bit TIFF mosaics with EXIF exposure. JPEG is refused: it is not linear.
+//! Reads camera frames: TIFF mosaics with EXIF exposure. JPEG is refused: it is not linear.
 
 use std::io::Cursor;
 use std::path::Path;
 
-use tiff::decoder::{Decoder, DecodingResult};
-
+use super::mosaic::{self, Mosaic};
 use crate::error::{Error, Result};
 use crate::rig::config::ExifExposure;
 
@@ -75,27 +74,8 @@ pub fn decode(bytes: &[u8], path: &Path) -> Result<Photograph> {
         let message = "a JPEG, which is not linear; give the camera's 16-bit TIFF";
         return Err(Error::input(format!("{}: {message}", path.display())));
     }
-    let damaged = |error: tiff::TiffError| {
-        Error::input(format!("{}: the frame is truncated or not a TIFF: {error}", path.display()))
-    };
-    let mut decoder = Decoder::new(Cursor::new(bytes)).map_err(damaged)?;
-    let (width, height) = decoder.dimensions().map_err(damaged)?;
-    let orientation = decoder.find_tag(tiff::tags::Tag::Orientation).map_err(damaged)?;
-    if let Some(turned) = orientation.and_then(|value| value.into_u32().ok()).filter(|&value| value > 1) {
-        let message = format!(
-            "its Orientation is {turned}, so its rows are not the sensor's as they lie; switch off the rotation of \
-             photographs in the camera or its software"
-        );
-        return Err(Error::input(format!("{}: {message}", path.display())));
-    }
-    let DecodingResult::U16(values) = decoder.read_image().map_err(damaged)? else {
-        return Err(Error::input(format!("{}: not a 16-bit frame", path.display())));
-    };
-    let (width, height) = (width as usize, height as usize);
-    if values.len() != width * height {
-        let message = format!("{} values for {width} × {height} pixels: not a mosaic", values.len());
-        return Err(Error::input(format!("{}: {message}", path.display())));
-    }
+    let Mosaic { width, height, values } =
+        mosaic::read(bytes).map_err(|why| Error::input(format!("{}: {why}", path.display())))?;
     Ok(Photograph { width, height, values, notes: notes(bytes) })
 }
 
@@ -104,7 +84,11 @@ fn notes(bytes: &[u8]) -> ExifNotes {
     let Ok(block) = exif::Reader::new().read_from_container(&mut Cursor::new(bytes)) else {
         return ExifNotes::default();
     };
-    let value = |tag: exif::Tag| block.get_field(tag, exif::In::PRIMARY).map(|field| &field.value);
+    // TIFF/EP has them in the image's own directory, EXIF in one of its own.
+    let value = |tag: exif::Tag| {
+        let of = |context| block.get_field(exif::Tag(context, tag.number()), exif::In::PRIMARY);
+        of(exif::Context::Exif).or_else(|| of(exif::Context::Tiff)).map(|field| &field.value)
+    };
     let exposure_s = match value(exif::Tag::ExposureTime) {
         Some(exif::Value::Rational(times)) => {
             times.first().filter(|time| time.denom > 0 && time.num > 0).map(exif::Rational::to_f64)
@@ -209,6 +193,13 @@ mod tests {
             assert_eq!(error.exit_code(), 2);
             assert!(error.to_string().contains("frame.tiff"));
         }
+    }
+
+    #[test]
+    fn the_exposure_of_tiff_ep_stands_in_the_image_s_own_directory() {
+        let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../tests/cases/tiff/cfa.tif");
+        let frame = read(&path).unwrap();
+        assert_eq!((frame.width, frame.height, frame.exposure_s), (7, 5, 1.0 / 80.0));
     }
 
     #[test]

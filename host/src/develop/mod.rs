@@ -11,6 +11,7 @@ use rayon::prelude::*;
 use crate::acquire::RunFolder;
 use crate::acquire::journal::{ExposureRecord, Record};
 use crate::error::{Error, Result};
+use crate::memory;
 use crate::progress;
 use crate::rig::config::RigConfig;
 use crate::rig::geometry::pose_geometry;
@@ -20,6 +21,7 @@ pub mod camera;
 pub mod fiducials;
 pub mod frame;
 pub mod homography;
+mod mosaic;
 pub mod pose;
 pub mod radiance;
 pub mod reflectance;
@@ -91,6 +93,10 @@ pub fn run_with(folder: &Path, options: &Options) -> Result<Developed> {
         return Err(Error::input(format!("{}: {message}", folder.display())));
     }
 
+    // Values and their deviations a channel, by pose and by texel.
+    let values = photographs.texels.texels() as u128 * photographs.poses() as u128 * 3;
+    let what = format!("a sample of {} texels × {} poses", photographs.texels.texels(), photographs.poses());
+    memory::check(2 * values * (4 + 2), &what, "develop a part of it by --region")?;
     let bar = progress::bar("developing", photographs.poses() as u64, "poses");
     let developed = (0..photographs.poses())
         .into_par_iter()

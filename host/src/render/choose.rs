@@ -3,8 +3,10 @@
 //! A small view of the scene is rendered with every setting and judged by three pictures of the reference with seeds of their
 //! own, whose noise cancels (`compare::relative_rmse_by`). A raster keeps its error in
 //! a larger picture and takes a time of its own, for triangles and texels, and time by the pixel, told apart by a second view; the path tracer's error falls with the root of its samples. What is
-//! predicted to meet the bound is tried, cheapest first, on the view itself and judged in the same way; what is left at the
-//! end is the reference with as many samples as its own variance asks for. Errors are relative RMSE ([`compare::Errors`]).
+//! predicted to meet the bound is tried, cheapest first, on the view itself and judged in the same way until it meets or misses the bound
+//! beyond doubt; what is left at the end is the reference with as many samples as its own variance asks for. Errors are relative RMSE ([`compare::Errors`]).
+
+mod verdict;
 
 use std::rc::Rc;
 
@@ -14,6 +16,7 @@ use super::{
 use crate::error::{Error, Result};
 use crate::progress;
 use crate::scene::{Camera, Scene};
+use verdict::Judges;
 
 /// Pixels a row of the small view at most.
 const SMALL_WIDTH: u32 = 64;
@@ -21,8 +24,6 @@ const SMALL_WIDTH: u32 = 64;
 const LARGER: u32 = 2;
 /// Samples a pixel of the pictures that judge the small view.
 const SMALL_SAMPLES: u32 = 64;
-/// Samples a pixel of the pictures that judge the view itself: so few, since the mean is over many pixels.
-const JUDGING_SAMPLES: u32 = 4;
 /// Samples a pixel at least: with fewer, caustics are missed by the view that foretells them and by the one that verifies.
 const LEAST_SAMPLES: u32 = 16;
 /// Passes that the path tracer's variance is told from; samples a pixel are a multiple of it.
@@ -209,8 +210,11 @@ impl<'a> Model<'a> {
     /// Renders the view with the cheapest setting that meets an error.
     ///
     /// # Errors
-    /// Those of the renderers.
+    /// An input error for an error that is not above 0, and those of the renderers.
     pub fn meet(&self, view: &Camera, max_error: f64) -> Result<Outcome<'a>> {
+        if max_error.is_nan() || max_error <= 0.0 {
+            return Err(Error::input(format!("max-error is {max_error}, must be above 0")));
+        }
         let mut order: Vec<(usize, u32, Tried)> = (0..self.candidates.len())
             .map(|index| {
                 let (samples, tried) = self.candidates[index].predict(view, max_error, self.base.samples);
@@ -233,19 +237,19 @@ impl<'a> Model<'a> {
             let rendering = prepared.view(view)?;
             // The whole path tracer knows its own error.
             let own = rendering.estimated_error().filter(|_| paths.bounces == self.base.bounces);
-            let error = match own {
-                Some(error) => error,
+            let (error, meets) = match own {
+                Some(error) => (error, error <= max_error),
                 None => {
-                    let judges = match &judges {
+                    let judges = match &mut judges {
                         Some(judges) => judges,
-                        None => judges.insert(self.judges(view, JUDGING_SAMPLES)?),
+                        None => judges.insert(Judges::new(self.scene, self.base, *view)?),
                     };
-                    compare::relative_rmse_by(judges, &rendering.picture)
+                    judges.judge(&rendering.picture, max_error)?
                 }
             };
             let seconds = rendering.cost.prepare_seconds + rendering.cost.render_seconds;
             tried.actual = Some([seconds, error]);
-            if error <= max_error {
+            if meets {
                 met = Some((Chosen { prepared, method: *method, note: None }, rendering));
                 break;
             }

@@ -63,10 +63,15 @@ pub fn compare(picture: &Picture, reference: &Picture) -> Result<Errors> {
 /// The relative RMSE of a picture, estimated by three noisy pictures of the reference that are independent of it and of each
 /// other: the noise of two cancels in the mean of (a − r₁)(a − r₂), and errors are relative to the third.
 pub(crate) fn relative_rmse_by(judges: &[Picture; 3], picture: &Picture) -> f64 {
-    let [first, second, third] = judges.each_ref().map(|judge| judge.pixels.iter().map(|p| p.truncate()));
+    relative_square_by(judges.each_ref(), picture).max(0.0).sqrt()
+}
+
+/// The square of what [`relative_rmse_by`] gives, which noise may make negative.
+pub(crate) fn relative_square_by(judges: [&Picture; 3], picture: &Picture) -> f64 {
+    let [first, second, third] = judges.map(|judge| judge.pixels.iter().map(|p| p.truncate()));
     let a = picture.pixels.iter().map(|pixel| pixel.truncate());
     let squares: Vec<Vec3> = a.zip(first.zip(second)).map(|(a, (r, s))| (a - r) * (a - s)).collect();
-    expected_relative_rmse(third, &squares)
+    relative_square(third, &squares)
 }
 
 /// What the square of an error at a pixel of some mean counts in the square of the relative RMSE of a picture of mean `whole`.
@@ -77,10 +82,15 @@ pub(crate) fn relative_weight(mean: f32, whole: f32) -> f32 {
 
 /// The relative RMSE of a picture whose pixels have the means and the variances given.
 pub(crate) fn expected_relative_rmse(means: impl Iterator<Item = Rgb> + Clone, variance: &[Vec3]) -> f64 {
-    let values = (3 * variance.len()) as f64;
+    relative_square(means, variance).max(0.0).sqrt()
+}
+
+/// The mean of squares relative to those of the means.
+fn relative_square(means: impl Iterator<Item = Rgb> + Clone, squares: &[Vec3]) -> f64 {
+    let values = (3 * squares.len()) as f64;
     let floor = (FLOOR * sum(means.clone()) / values).powi(2).max(f64::MIN_POSITIVE) as f32;
-    let relative = means.zip(variance).map(|(mean, square)| *square / (mean * mean + Vec3::splat(floor)));
-    (sum(relative) / values).max(0.0).sqrt()
+    let relative = means.zip(squares).map(|(mean, square)| *square / (mean * mean + Vec3::splat(floor)));
+    sum(relative) / values
 }
 
 /// Sum over all values and channels.

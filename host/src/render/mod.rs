@@ -67,6 +67,8 @@ pub struct Rendering {
     pub cost: Cost,
     /// The GPU that drew it; `None` for the CPU.
     pub adapter: Option<String>,
+    /// What makes it worse than it should be.
+    pub note: Option<String>,
 }
 
 impl Rendering {

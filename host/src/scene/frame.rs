@@ -25,16 +25,24 @@ pub(crate) fn complete(raw: &RawMesh, origin: DVec3) -> Mesh {
     let mut triangles = raw.triangles.clone();
     drop_empty_normals(&mut triangles, &raw.normals);
     let positions: Vec<Vec3> = raw.positions.iter().map(|&position| (position - origin).as_vec3()).collect();
-    let computed = computed_normals(&positions, &mut triangles);
+    // Frames are found on the mesh at the size of 1: areas of very large or small meshes are beyond single precision.
+    let size =
+        raw.positions.iter().map(|&position| (position - origin).abs().max_element()).fold(0.0, f64::max);
+    let shape: Vec<Vec3> = raw
+        .positions
+        .iter()
+        .map(|&position| ((position - origin) / size.max(f64::MIN_POSITIVE)).as_vec3())
+        .collect();
+    let computed = computed_normals(&shape, &mut triangles);
     let normal = |corner: &Corner| match corner.normal {
         Some(index) => raw.normals[index as usize].normalize_or(Vec3::Y),
         None => computed[corner.position as usize],
     };
-    let projected = BoxProjection::new(&positions);
+    let projected = BoxProjection::new(&shape);
 
     let mut joined = Joined::default();
     for triangle in &triangles {
-        let corners = triangle.map(|corner| positions[corner.position as usize]);
+        let corners = triangle.map(|corner| shape[corner.position as usize]);
         let edges = (corners[1] - corners[0], corners[2] - corners[0]);
         let face = edges.0.cross(edges.1);
         // One corner without texture coordinates leaves the triangle without.
@@ -57,7 +65,7 @@ pub(crate) fn complete(raw: &RawMesh, origin: DVec3) -> Mesh {
             let key = (corner.position, corner.normal, uv, side, mirrored);
             let handedness = if mirrored { -1.0 } else { 1.0 };
             let vertex = Vertex {
-                position: corners[k],
+                position: positions[corner.position as usize],
                 normal: normal(corner),
                 tangent: Vec3::ZERO,
                 handedness,
@@ -316,6 +324,31 @@ mod tests {
         assert!((high - low - Vec3::new(0.001, 0.001, 0.0)).length() < 1e-9, "{low} {high}");
         assert!((origin - far).length() < 0.001 && (mesh.vertices[0].normal - Vec3::Z).length() < 1e-6);
         assert_eq!(Mesh::from_raw(quad(false)).unwrap().1, DVec3::ZERO);
+    }
+
+    #[test]
+    fn a_mesh_of_any_size_has_the_frames_of_one_of_size_1() {
+        let expected = mesh(quad(true));
+        for size in [1e-30, 1e-12, 1e12, 2e38] {
+            let mut raw = quad(true);
+            raw.positions.iter_mut().for_each(|position| *position = (*position - 0.5) * size);
+            let projected = mesh(RawMesh {
+                triangles: raw
+                    .triangles
+                    .iter()
+                    .map(|t| t.map(|corner| Corner { uv: None, ..corner }))
+                    .collect(),
+                ..raw.clone()
+            });
+            assert!(
+                projected.vertices.iter().all(|v| v.uv.is_finite() && v.uv.abs().max_element() <= 1.0),
+                "{size}"
+            );
+            for (vertex, known) in mesh(raw).vertices.iter().zip(&expected.vertices) {
+                assert!((vertex.normal - known.normal).length() < 1e-6, "{size}: {vertex:?}");
+                assert!((vertex.tangent - known.tangent).length() < 1e-6, "{size}: {vertex:?}");
+            }
+        }
     }
 
     #[test]

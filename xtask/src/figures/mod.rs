@@ -17,6 +17,7 @@ use std::path::Path;
 
 use anyhow::{Context, Result, bail};
 
+use crate::target;
 use check::{Placed, Texts};
 use judge::Moved;
 use registry::{Class, Registry};
@@ -83,8 +84,8 @@ pub(crate) fn task(arguments: impl Iterator<Item = String>) -> Result<()> {
     let runner = Runner {
         registry: &registry,
         root: root(),
-        folder: root().join("target/figures"),
-        program: root().join("target").join(profile).join("lobelia"),
+        folder: target::folder()?.join("figures"),
+        program: target::lobelia(profile)?,
         reuse: options.reuse,
     };
     let figures = |placed: &Placed<'_>| {

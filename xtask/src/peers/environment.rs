@@ -5,7 +5,7 @@ use std::process::Command;
 use anyhow::{Result, bail};
 
 use super::python::{self, run};
-use crate::packages;
+use crate::{packages, target};
 
 /// The Debian package of cmgen.
 const CMGEN: &str = "libfilament-tools";
@@ -16,7 +16,8 @@ pub(super) fn task() -> Result<()> {
     ensure_cmgen()?;
     let python = python::venv(&["numpy", "OpenEXR"])?;
     let script = "tests/peers/environment/peer.py";
-    run(Command::new(python).args([script, "target/release/lobelia", "cmgen", "target/peers/environment"]))
+    let folder = target::folder()?.join("peers/environment");
+    run(Command::new(python).arg(script).arg(target::lobelia("release")?).arg("cmgen").arg(folder))
 }
 
 fn ensure_cmgen() -> Result<()> {

@@ -6,7 +6,7 @@ use std::process::Command;
 use anyhow::{Result, bail};
 
 use super::python::{self, run};
-use crate::packages;
+use crate::{packages, target};
 
 /// Ceres and a compiler for it.
 const CERES: [&str; 3] = ["libceres-dev", "g++", "libgoogle-glog-dev"];
@@ -15,15 +15,15 @@ const CERES: [&str; 3] = ["libceres-dev", "g++", "libgoogle-glog-dev"];
 pub(super) fn task() -> Result<()> {
     run(Command::new("cargo").args(["build", "--release", "--quiet", "--package", "lobelia"]))?;
     let python = python::venv(&["numpy", "scipy", "zarr", "OpenEXR"])?;
-    let folder = Path::new("target/peers/fit");
-    std::fs::create_dir_all(folder)?;
+    let folder = target::folder()?.join("peers/fit");
+    std::fs::create_dir_all(&folder)?;
     let program = folder.join("ceres");
     ensure_ceres()?;
     let mut compiler = Command::new("g++");
     compiler.args(["-O3", "-march=native", "-DNDEBUG", "-I/usr/include/eigen3", "tests/peers/fit/ceres.cpp"]);
     run(compiler.arg("-o").arg(&program).args(["-lceres", "-lglog"]))?;
     let mut script = Command::new(python);
-    script.args(["tests/peers/fit/peer.py", "target/release/lobelia"]).arg(folder);
+    script.arg("tests/peers/fit/peer.py").arg(target::lobelia("release")?).arg(&folder);
     // NumPy's linear algebra would use every core.
     run(script.envs(["OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"].map(|name| (name, "1"))))
 }

@@ -5,9 +5,11 @@ use std::process::Command;
 
 use anyhow::{Context, Result, bail};
 
+use crate::target;
+
 /// The Python of a virtual environment in target/peers/venv that has the packages named (from PyPI).
 pub(crate) fn venv(packages: &[&str]) -> Result<PathBuf> {
-    let folder = PathBuf::from("target/peers/venv");
+    let folder = target::folder()?.join("peers/venv");
     let python = folder.join("bin/python");
     if !python.exists() {
         run(Command::new("python3").args(["-m", "venv"]).arg(&folder))

@@ -119,6 +119,58 @@ mod tests {
         }
     }
 
+    /// Gives the reader mutations, made in place and put right again: a file of 35 MB is not written ten thousand times.
+    fn survives(goes_on: impl Fn(u32) -> bool) {
+        let mut bytes = bytes(180);
+        let length = bytes.len();
+        // A generator of random numbers that is the same on every machine (xorshift64).
+        let mut state = 1u64;
+        let mut below = move |limit: usize| {
+            state ^= state << 13;
+            state ^= state >> 7;
+            state ^= state << 17;
+            (state % limit as u64) as usize
+        };
+        let (mut made, mut refused) = (0, 0);
+        while goes_on(made) {
+            // Most damage is where it is seen at once: a table that is read takes a thousand times as long.
+            let whole = made % 100 == 0;
+            let end = if whole || made % 3 > 0 { length } else { below(length + 1) };
+            let place = if whole { HEADER + 8 * below((length - HEADER) / 8) } else { below(HEADER) };
+            let count = 1 + below(8);
+            let kept: Vec<u8> = bytes[place..place + count].to_vec();
+            bytes[place..place + count]
+                .iter_mut()
+                .for_each(|byte| *byte = [0, 0xff, below(256) as u8][below(3)]);
+            match parse(&bytes[..end]) {
+                Ok(table) => {
+                    let sound =
+                        |row: &TableRow| row.values.iter().all(|value| value.is_finite() && *value >= 0.0);
+                    assert!(!table.rows.is_empty() && table.rows.iter().all(sound), "mutation {made}");
+                }
+                Err(error) => {
+                    refused += 1;
+                    assert!(!error.to_string().contains('\n'), "mutation {made}: {error}");
+                }
+            }
+            bytes[place..place + count].copy_from_slice(&kept);
+            made += 1;
+        }
+        assert!(2 * refused > made && refused < made, "{refused} of {made}");
+    }
+
+    #[test]
+    fn damaged_tables_are_read_or_refused() {
+        survives(|made| made < 10_000);
+    }
+
+    #[test]
+    #[ignore = "30 s; cargo xtask long"]
+    fn damaged_tables_for_long() {
+        let start = std::time::Instant::now();
+        survives(|_| start.elapsed().as_secs() < 30);
+    }
+
     #[test]
     fn other_files_and_short_ones_are_refused() {
         let refused = |bytes: &[u8]| parse(bytes).unwrap_err().to_string();

@@ -1,13 +1,30 @@
 //! `lobelia fit --chunks I/N` and `--merge`: fits in parts, for schedulers to drive.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use super::{FitArgs, FitOutcome, output, print, sampled_options, sampled_outcome, write_levels, write_map};
 use crate::error::{Error, Result};
+use crate::files;
 use crate::fit::FitOptions;
 use crate::fit::chunks::{self, Part};
+use crate::provenance::Texts;
 use crate::sampled::SampledStore;
+
+impl FitArgs {
+    /// The arguments with a sampled SBRDF that was named behind the shards taken for what it is: --merge takes all names up to the next
+    /// option.
+    pub(super) fn with_store_named_last(&self) -> Self {
+        let mut args = self.clone();
+        let is_store = |path: &PathBuf| files::ending(path) == "zarr";
+        if args.input.is_none()
+            && let Some(place) = args.merge.iter().position(is_store)
+        {
+            args.input = Some(args.merge.remove(place));
+        }
+        args
+    }
+}
 
 /// Fits one part into a shard, unless it is there already.
 pub(super) fn fit(
@@ -15,6 +32,7 @@ pub(super) fn fit(
     options: &FitOptions,
     part: Part,
     output: &Path,
+    made: &Texts,
 ) -> Result<FitOutcome> {
     let mut outcome = FitOutcome::default();
     outcome.figures.insert("part".into(), part.to_string().into());
@@ -28,7 +46,8 @@ pub(super) fn fit(
         return Ok(outcome);
     }
     let start = Instant::now();
-    let shard = chunks::fit_part(store, options, part)?;
+    let mut shard = chunks::fit_part(store, options, part)?;
+    shard.attributes.extend(made.clone());
     write_map(&shard, output)?;
     let seconds = start.elapsed().as_secs_f64();
     outcome.figures.insert("texels".into(), shard.width.into());
@@ -37,7 +56,7 @@ pub(super) fn fit(
     Ok(outcome)
 }
 
-/// Joins shards into a map, and fits its MIP levels where they are asked for.
+/// Joins shards into a map, which says what they say of how they were made, and fits its MIP levels where they are asked for.
 pub(super) fn merge(args: &FitArgs) -> Result<FitOutcome> {
     let output = output(args)?;
     let start = Instant::now();
@@ -60,7 +79,7 @@ pub(super) fn merge(args: &FitArgs) -> Result<FitOutcome> {
     }
     write_map(&map, output)?;
     if let Some((store, options)) = &levels {
-        write_levels(store, options, output)?;
+        write_levels(store, options, output, &args.made)?;
     }
     let mut outcome = sampled_outcome(&map, start.elapsed().as_secs_f64());
     // Joining is no fit: its rate would mislead.

@@ -81,7 +81,9 @@ pub(super) fn fit(args: &FitArgs, input: &Path, seed: u64) -> Result<FitOutcome>
     let seconds = start.elapsed().as_secs_f64();
     print(&described(&measured, &fits, &options, seconds)?)?;
     if let Some(output) = &args.output {
-        write_map(&table_map(&fits, &options), output)?;
+        let mut map = table_map(&fits, &options);
+        map.attributes.extend(args.made.clone());
+        write_map(&map, output)?;
     }
     let mut outcome = FitOutcome { errors: table::figures(&fits, &options), ..FitOutcome::default() };
     outcome.figures.insert("rows".into(), measured.rows.len().into());

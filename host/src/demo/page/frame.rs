@@ -67,8 +67,8 @@ pub(super) fn section(outcome: &DemoOutcome) -> Result<String> {
         detail
     );
     let lead = format!(
-        "Pose {} of {}: light at θ<sub>i</sub> = {}, camera at θ<sub>o</sub> = {}. The printed tags, not the motors, say where every texel lies in the photograph: the tags of this pose fit one homography to {} mm RMS on the sample’s plane.",
-        pose + 1,
+        "Pose {} of {}, counted from 0: light at θ<sub>i</sub> = {}, camera at θ<sub>o</sub> = {}. The printed tags, not the motors, say where every texel lies in the photograph: the tags of this pose fit one homography to {} mm RMS on the sample’s plane.",
+        pose,
         outcome.run.plan.poses.len(),
         numbers::degrees(pick::polar(wi)),
         numbers::degrees(pick::polar(wo)),

@@ -302,6 +302,12 @@ impl Prepared for Ready<'_> {
             rays: pixels.len() as u64 * u64::from(samples),
             draws: 0,
         };
-        Ok(Rendering { picture: Picture { width, height, pixels }, variance: None, cost, adapter: None })
+        Ok(Rendering {
+            picture: Picture { width, height, pixels },
+            variance: None,
+            cost,
+            adapter: None,
+            note: None,
+        })
     }
 }

@@ -13,7 +13,7 @@ use std::collections::HashMap;
 use std::sync::Arc;
 use std::time::Instant;
 
-use glam::{Mat4, Vec3, Vec4};
+use glam::{BVec3, Mat4, Vec3, Vec4};
 
 use super::gpu::Gpu;
 use super::image::Picture;
@@ -144,12 +144,29 @@ impl Settings {
     }
 }
 
+/// Distance of the near plane, in sizes of the scene. Reversed depth in floating point is as fine far away as near by wherever the plane
+/// is, so that it can be nearer than anything to be seen.
+const NEAR: f32 = 1e-7;
+
+/// Distance of the near plane for a scene, whatever a view looks at.
+fn near(scene: &Scene) -> f32 {
+    let corners = scene.objects.iter().flat_map(|object| {
+        let (low, high) = object.mesh.bounds();
+        let corner = move |k: usize| Vec3::select(BVec3::new(k & 1 > 0, k & 2 > 0, k & 4 > 0), high, low);
+        (0..8).map(move |k| object.transform.transform_point3(corner(k)))
+    });
+    let (low, high) = corners.fold((Vec3::INFINITY, Vec3::NEG_INFINITY), |(low, high), corner| {
+        (low.min(corner), high.max(corner))
+    });
+    let size = (high - low).max_element();
+    NEAR * if size.is_finite() && size > 0.0 { size } else { 1.0 }
+}
+
 /// World to clip space with reversed depth: 1 at the near plane, 0 at infinity.
-fn projection(camera: &Camera) -> Mat4 {
+fn projection(camera: &Camera, near: f32) -> Mat4 {
     let [right, up, forward] = camera.basis();
     let scale_y = 1.0 / (camera.fov / 2.0).tan();
     let scale_x = scale_y * camera.height as f32 / camera.width as f32;
-    let near = 1e-3 * camera.position.distance(camera.target);
     let row = |axis: Vec3, offset: f32| axis.extend(offset - axis.dot(camera.position));
     let rows = [
         row(right, 0.0) * scale_x,
@@ -201,7 +218,8 @@ impl<'a> Lights<'a> {
         let start = Instant::now();
         let uploads = Uploads::new(&settings.scene(scene)?, settings);
         let more: u64 = distant.iter().flat_map(|distant| &distant.buffers).map(wgpu::Buffer::size).sum();
-        let pass = gpu.guarded(|| pipeline::Pass::new(&gpu, &uploads, settings, distant.as_ref()))?;
+        let near = near(scene);
+        let pass = gpu.guarded(|| pipeline::Pass::new(&gpu, &uploads, near, settings, distant.as_ref()))?;
         let bytes = uploads.bytes() + more as usize;
         Ok(Self { scene, gpu, pass, bytes, prepare_seconds: start.elapsed().as_secs_f64() })
     }
@@ -248,6 +266,7 @@ impl Prepared for Lights<'_> {
             rays: 0,
         };
         let picture = Picture { width, height, pixels };
-        Ok(Rendering { picture, variance: None, cost, adapter: Some(self.gpu.name()) })
+        let (adapter, note) = (Some(self.gpu.name()), self.pass.note());
+        Ok(Rendering { picture, variance: None, cost, adapter, note })
     }
 }

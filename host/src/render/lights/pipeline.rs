@@ -43,6 +43,8 @@ pub(super) struct Pass {
     offset: f32,
     /// Triangles of every object, and whether it has a mask.
     runs: Vec<(Range<u32>, bool)>,
+    /// Distance of the near plane.
+    near: f32,
     format: TextureFormat,
     samples: u32,
 }
@@ -60,6 +62,7 @@ impl Pass {
     pub(super) fn new(
         gpu: &Gpu,
         uploads: &Uploads,
+        near: f32,
         settings: &Settings,
         distant: Option<&Distant>,
     ) -> Result<Self> {
@@ -91,9 +94,15 @@ impl Pass {
             lamps: uploads.lamps.len(),
             offset: uploads.offset,
             runs: uploads.runs.clone(),
+            near,
             format,
             samples,
         })
+    }
+
+    /// What there is to say of the pictures.
+    pub(super) fn note(&self) -> Option<String> {
+        precision(self.format)
     }
 
     /// Samples a pixel.
@@ -116,7 +125,7 @@ impl Pass {
     /// What the shader reads.
     fn bindings(&self, gpu: &Gpu, camera: &Camera) -> Result<wgpu::BindGroup> {
         let view = View {
-            projection: super::projection(camera),
+            projection: super::projection(camera, self.near),
             eye: camera.position.extend(self.lamps as f32),
             offset: Vec4::splat(self.offset),
         };
@@ -232,6 +241,13 @@ fn bind<'a>(
     })
 }
 
+/// What there is to say of pictures that are drawn in a format.
+fn precision(format: TextureFormat) -> Option<String> {
+    let message = "this GPU draws in floating point of 16 bits alone: values have three digits, and none is above 65,504; \
+                   --samples 1 may get 32 bits";
+    (format == TextureFormat::Rgba16Float).then(|| message.into())
+}
+
 /// A uniform, then storage to read, `count` in all.
 fn layout(gpu: &Gpu, count: u32) -> wgpu::BindGroupLayout {
     let entry = |binding| wgpu::BindGroupLayoutEntry {
@@ -313,4 +329,15 @@ fn pipelines(
             cache: None,
         })
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn pictures_in_16_bits_are_said_to_be() {
+        assert!(precision(TextureFormat::Rgba16Float).unwrap().contains("16 bits"));
+        assert_eq!(precision(TextureFormat::Rgba32Float), None);
+    }
 }

@@ -318,3 +318,44 @@ fn a_scene_that_its_environment_alone_lights_is_refused() {
     let error = Settings::default().prepare(&scene).map(|_| ()).unwrap_err();
     assert!(error.to_string().contains("environment alone") && error.exit_code() == 2, "{error}");
 }
+
+/// Where the camera looks decides nothing about what is in front of it.
+#[test]
+fn the_near_plane_is_nearer_than_anything_seen_however_far_the_target() {
+    let scene = lit(8, 6);
+    let near = near(&scene);
+    let [eye, forward] = [scene.camera.position, scene.camera.basis()[2]];
+    let depth = |target: f32, distance: f32| {
+        let camera = Camera { target: eye + target * forward, ..scene.camera };
+        let clip = projection(&camera, near) * (eye + distance * forward).extend(1.0);
+        clip.z / clip.w
+    };
+    for target in [0.01, 1.0, 1e5] {
+        let depths = [1e-4, 0.01, 1.0, 100.0, 1e4].map(|distance| depth(target, distance));
+        assert!(depths.iter().all(|depth| (0.0..=1.0).contains(depth)), "{depths:?}");
+        // Nearer is larger, by more than rounding.
+        assert!(depths.windows(2).all(|pair| pair[0] > 1.5 * pair[1]), "{depths:?}");
+    }
+}
+
+#[test]
+fn what_stands_before_the_camera_is_drawn_with_a_target_far_behind_it() {
+    let mut scene = lit(40, 30);
+    let forward = scene.camera.basis()[2];
+    scene.camera.target = scene.camera.position + forward * 1e5;
+    match Settings::default().render(&scene, &scene.camera) {
+        Ok(rendering) => {
+            let covered = rendering.picture.pixels.iter().map(|pixel| pixel.w).sum::<f32>();
+            let whole = rendering.picture.pixels.len() as f32;
+            let settings = reference::Settings { samples: 16, bounces: 1, ..Default::default() };
+            let truth = settings.render(&scene, &scene.camera).unwrap().picture;
+            let expected = truth.pixels.iter().map(|pixel| pixel.w).sum::<f32>();
+            assert!(
+                expected > 0.2 * whole && (covered - expected).abs() < 0.02 * whole,
+                "{covered} {expected}"
+            );
+        }
+        Err(error) if error.to_string().contains("no adapter") => println!("skipped: {error}"),
+        Err(error) => panic!("{error}"),
+    }
+}

@@ -227,7 +227,7 @@ mod tests {
                 View { tracer: &tracer, rays, seed, width: 12, pass: 16, branches: vec![branches; 12 * 9] };
             let mut pixels = vec![Pixel::default(); 12 * 9];
             for pass in 1..=8 {
-                view.add(&mut pixels, pass, |_| ());
+                view.add(&mut pixels, pass, None, |_| ());
             }
             let mean = pixels.iter().map(|pixel| colour::luminance(pixel.mean.truncate())).sum::<f32>();
             (mean, pixels.iter().map(|pixel| colour::luminance(pixel.spread)).sum::<f32>())

@@ -2,6 +2,7 @@
 //! judged by it.
 
 mod branches;
+mod budget;
 mod environment;
 mod lobes;
 mod rectangle;
@@ -23,6 +24,7 @@ use super::{Cost, Prepared, Renderer, Rendering, compare};
 use crate::error::{Error, Result};
 use crate::progress;
 use crate::scene::{Camera, Scene};
+use budget::{Clock, Deadline};
 use trace::{Numbers, PARTS, Shaders, Traced, Tracer};
 
 /// Passes before a budget of time or error is looked at: variance needs more than one.
@@ -35,7 +37,8 @@ const BUDGET_PASS: u32 = 16;
 pub struct Settings {
     /// Samples a pixel at most, rounded up to whole passes; powers of two are spread best.
     pub samples: u32,
-    /// Seconds for a view at most. The picture then depends on the machine through the number of passes only.
+    /// Seconds for a view at most, but that every pixel gets a sample; what the scene takes to be made ready is not counted. The picture
+    /// then depends on the machine through the numbers of samples and passes.
     pub seconds: Option<f64>,
     /// Relative RMSE of the picture (as [`compare::Errors`] has it) to stop at; the upper estimate by its variance is used.
     pub max_error: Option<f64>,
@@ -103,59 +106,80 @@ impl Prepared for Ready<'_> {
     fn view(&self, camera: &Camera) -> Result<Rendering> {
         camera.check()?;
         let start = Instant::now();
+        self.view_by(camera, &move || start.elapsed().as_secs_f64())
+    }
+}
+
+impl Ready<'_> {
+    /// Renders a view by a clock.
+    fn view_by(&self, camera: &Camera, clock: &Clock<'_>) -> Result<Rendering> {
+        let start = clock();
         let settings = &self.settings;
-        let pass = settings.pass();
-        let passes = settings.samples.div_ceil(pass);
         let (width, height) = (camera.width as usize, camera.height as usize);
         let seed = hash(settings.seed as u32 ^ hash((settings.seed >> 32) as u32 ^ 0x5bd1_e995));
         let branches = vec![1; width * height];
+        let pass = settings.pass();
         let mut view = View { tracer: &self.tracer, rays: Rays::new(camera), seed, width, pass, branches };
 
         let mut pixels = vec![Pixel::default(); width * height];
         let mut cost = Cost { prepare_seconds: self.prepare_seconds, ..Cost::default() };
-        if let Some(look) = branches::look(&view, settings.samples) {
+        let deadline = settings.seconds.map(|seconds| Deadline::new(clock, seconds));
+        let mut may_look = true;
+        if let Some(deadline) = &deadline {
+            let sample_seconds = view.sample_seconds(clock, &mut cost.rays);
+            view.pass = budget::pass(deadline.left(), sample_seconds, settings.samples);
+            may_look = budget::may_look(deadline.left(), sample_seconds);
+        }
+        if let Some(look) = may_look.then(|| branches::look(&view, settings.samples)).flatten() {
             cost.rays += look.rays;
             view.branches = look.branches();
         }
+        let passes = settings.samples.div_ceil(view.pass);
         let bar = match settings.seconds {
             Some(seconds) => progress::bar("reference", (1e3 * seconds) as u64, "ms"),
             None => progress::bar("reference", u64::from(passes) * height as u64, "rows"),
         };
         let mut done = 0;
         while done < passes {
-            let before = start.elapsed();
-            done += 1;
-            cost.rays += view.add(&mut pixels, done, |rows| {
+            let before = clock();
+            // The first pass is made whole, the others are dropped where the time is up before their end.
+            let deadline = deadline.filter(|_| done > 0);
+            let kept = deadline.map(|_| pixels.clone());
+            let rays = view.add(&mut pixels, done + 1, deadline.as_ref(), |rows| {
                 if settings.seconds.is_none() {
                     bar.advance(rows);
                 }
             });
             if settings.seconds.is_some() {
-                bar.advance((start.elapsed() - before).as_millis() as u64);
+                bar.advance((1e3 * (clock() - before)) as u64);
             }
-            if done >= LEAST_PASSES && self.is_enough(&pixels, done, start) {
+            let Some(rays) = rays else {
+                pixels = kept.unwrap_or(pixels);
+                break;
+            };
+            cost.rays += rays;
+            done += 1;
+            let late = deadline.is_some_and(|deadline| deadline.is_over());
+            if late || done >= LEAST_PASSES && self.is_exact(&pixels, done) {
                 break;
             }
         }
-        cost.samples = done * pass;
-        cost.render_seconds = start.elapsed().as_secs_f64();
+        cost.samples = done * view.pass;
+        cost.render_seconds = clock() - start;
         cost.memory_bytes = (self.tracer.bytes() + size_of_val(&pixels[..])) as u64;
         let picture = Picture { width, height, pixels: pixels.iter().map(|pixel| pixel.mean).collect() };
         let variance = (done > 1).then(|| variance(&pixels, done));
-        Ok(Rendering { picture, variance, cost, adapter: None })
+        Ok(Rendering { picture, variance, cost, adapter: None, note: None })
     }
 }
 
 impl Ready<'_> {
-    /// Whether a budget is used up: the next pass would end too late, or the error is small enough.
-    fn is_enough(&self, pixels: &[Pixel], passes: u32, start: Instant) -> bool {
-        let elapsed = start.elapsed().as_secs_f64();
-        let late = |seconds| elapsed * f64::from(passes + 1) / f64::from(passes) > seconds;
-        let exact = |error| {
+    /// Whether the error is as small as it shall be.
+    fn is_exact(&self, pixels: &[Pixel], passes: u32) -> bool {
+        self.settings.max_error.is_some_and(|error| {
             let means = pixels.iter().map(|pixel| pixel.mean.truncate());
             compare::expected_relative_rmse(means, &variance(pixels, passes)) <= error
-        };
-        self.settings.seconds.is_some_and(late) || self.settings.max_error.is_some_and(exact)
+        })
     }
 }
 
@@ -180,9 +204,38 @@ struct View<'a> {
 }
 
 impl View<'_> {
-    /// Adds a pass, the `count`-th, to all pixels; returns the number of rays.
-    fn add(&self, pixels: &mut [Pixel], count: u32, advance: impl Fn(u64) + Sync) -> u64 {
+    /// Seconds that one sample of all pixels takes, by a sample of every so many.
+    fn sample_seconds(&self, clock: &Clock<'_>, rays: &mut u64) -> f64 {
+        /// Pixels that one stands for, a prime so that they do not stand in columns.
+        const STRIDE: usize = 61;
+        let before = clock();
+        let one = |shaders: &mut Shaders, place: usize| {
+            let mut rays = [0; PARTS];
+            let numbers = Numbers { pixel: hash(!self.seed ^ hash(place as u32)), index: 0 };
+            let traced =
+                self.sample([place % self.width, place / self.width], &numbers, 1, shaders, &mut rays);
+            // What is not used might not be computed.
+            std::hint::black_box(traced);
+            rays.iter().sum::<u64>()
+        };
+        let count = self.branches.len();
+        let places = (0..count.div_ceil(STRIDE)).into_par_iter().map(|k| k * STRIDE);
+        *rays += places.map_init(Shaders::new, one).sum::<u64>();
+        (clock() - before) * count as f64 / count.div_ceil(STRIDE) as f64
+    }
+
+    /// Adds a pass, the `count`-th, to all pixels; returns the number of rays, or nothing where the time was up before all pixels had it.
+    fn add(
+        &self,
+        pixels: &mut [Pixel],
+        count: u32,
+        deadline: Option<&Deadline<'_>>,
+        advance: impl Fn(u64) + Sync,
+    ) -> Option<u64> {
         let add_row = |shaders: &mut Shaders, (y, row): (usize, &mut [Pixel])| {
+            if deadline.is_some_and(Deadline::is_over) {
+                return None;
+            }
             let mut rays = [0; PARTS];
             for (x, pixel) in row.iter_mut().enumerate() {
                 let fresh = self.mean(x, y, (count - 1) * self.pass, shaders, &mut rays);
@@ -191,7 +244,7 @@ impl View<'_> {
                 pixel.spread += (difference * (fresh - pixel.mean)).truncate();
             }
             advance(1);
-            rays.iter().sum::<u64>()
+            Some(rays.iter().sum::<u64>())
         };
         pixels.par_chunks_mut(self.width).enumerate().map_init(Shaders::new, add_row).sum()
     }

@@ -272,7 +272,29 @@ fn a_budget_of_time_ends_the_rendering() {
     let scene = crate::scene::showcase::published(16, 12);
     let settings = Settings { seconds: Some(1e-3), samples: 1 << 20, ..Settings::default() };
     let rendering = settings.render(&scene, &scene.camera).unwrap();
-    assert_eq!(rendering.cost.samples, LEAST_PASSES * BUDGET_PASS);
+    assert!(rendering.cost.samples <= LEAST_PASSES * BUDGET_PASS);
+    assert!(rendering.picture.pixels.iter().all(|pixel| pixel.is_finite()));
+}
+
+/// By a clock that goes on by 10 ms whenever it is looked at: twelve times a pass, once a row.
+#[test]
+fn a_pass_whose_time_runs_out_is_dropped_and_leaves_the_picture_of_those_before() {
+    let scene = crate::scene::showcase::published(16, 12);
+    let ready = |settings: Settings| Ready {
+        tracer: Tracer::new(&scene, settings.bounces),
+        settings,
+        prepare_seconds: 0.0,
+    };
+    let looks = std::sync::atomic::AtomicU32::new(0);
+    let clock = || f64::from(looks.fetch_add(1, std::sync::atomic::Ordering::Relaxed)) * 0.01;
+    let settings = Settings { seconds: Some(1.5), samples: 1 << 20, ..Settings::default() };
+    let within = ready(settings).view_by(&scene.camera, &clock).unwrap();
+    let samples = within.cost.samples;
+    assert!((4..16).contains(&samples), "{samples}");
+    // The rows that were still to come looked at the clock once more.
+    assert!(within.cost.render_seconds < 1.5 + 0.2, "{}", within.cost.render_seconds);
+    let whole = Settings { samples, ..Settings::default() }.render(&scene, &scene.camera).unwrap();
+    assert_eq!(within.picture, whole.picture);
 }
 
 #[test]

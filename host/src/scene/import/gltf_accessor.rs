@@ -2,8 +2,9 @@
 
 use super::gltf_json::{Accessor, Document};
 
-/// Entries of an accessor without a buffer, whose numbers are 0 but where sparse ones are given.
-const MOST_ZEROS: usize = 1 << 24;
+/// Entries of an accessor without a buffer, whose numbers are 0 but where sparse ones are given, that any file may have. More are as
+/// many as its buffers have bytes, which the vertices that they belong to take at least.
+const MOST_ZEROS: usize = 1 << 16;
 
 /// The types of numbers.
 #[derive(Clone, Copy)]
@@ -113,7 +114,9 @@ pub(super) fn read<const N: usize>(
         None if accessor.sparse.is_none() => {
             return Err(place("has no buffer view; its numbers are missing"));
         }
-        None if accessor.count > MOST_ZEROS => return Err(place("has too many entries for sparse ones")),
+        None if accessor.count > buffers.iter().map(Vec::len).sum::<usize>().max(MOST_ZEROS) => {
+            return Err(place("has too many entries for sparse ones"));
+        }
         None => vec![[0.0; N]; accessor.count],
     };
     for (at, value) in sparse(document, buffers, accessor, entry_bytes).map_err(|what| place(&what))? {

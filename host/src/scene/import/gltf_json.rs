@@ -258,7 +258,16 @@ fn read_uri(path: &Path, uri: &str) -> Result<Vec<u8>> {
     // A name that has percent signs of its own is taken as it is where such a file is there.
     let literal = path.with_file_name(uri);
     let beside = if literal.is_file() { literal } else { path.with_file_name(percent_decoded(uri)) };
-    std::fs::read(&beside).map_err(|error| Error::reading(&beside, error))
+    let unreadable = |why: String| Error::reading(path, format!("its buffer {}: {why}", beside.display()));
+    // A folder or a device is no buffer, and some devices never end.
+    if !beside.is_file() {
+        return Err(unreadable(if beside.exists() {
+            "no file".into()
+        } else {
+            "there is no such file".into()
+        }));
+    }
+    std::fs::read(&beside).map_err(|error| unreadable(error.to_string()))
 }
 
 /// `Box%20With%20Spaces` as `Box With Spaces`; what is no escape stays.
