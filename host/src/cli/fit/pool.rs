@@ -55,10 +55,11 @@ pub(super) fn fit(
     outcome.figures.insert("regions".into(), pooled.regions.iter().map(as_json).collect());
     let held_out = held_out::judge(held, store, &pooled.map, &mut outcome)?;
     print(&format!(
-        "{} texels × {} poses in {} regions, ρ_d a {}: {seconds:.1} s\n{}{}",
+        "{} texels × {} poses in {} {}, a ρ_d a {}: {seconds:.1} s\n{}{}",
         regions.of.len() - outside,
         store.poses.len(),
         pooled.regions.len(),
+        if pooled.regions.len() == 1 { "region" } else { "regions" },
         pooling.rho_d.name(),
         regions_in_words(&pooled.regions),
         outcome.residuals() + &held_out + &albedos_in_words(&pooled.map) + &ties_in_words(&pooled.map)

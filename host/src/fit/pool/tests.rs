@@ -2,9 +2,10 @@
 
 use glam::Vec3;
 
+use super::super::extensions::{Extensions, Microfacets};
 use super::super::{self as fit, AlbedoBound, Residual, linear};
 use super::*;
-use crate::reflectance::{Brdf, Lobe, LobeBrdf, Rgb, albedo};
+use crate::reflectance::{Brdf, Lobe, LobeBrdf, Microfacet, Rgb, albedo};
 use crate::synth::{self, Options};
 
 const SIDE: usize = 12;
@@ -201,6 +202,31 @@ fn a_region_takes_as_many_lobes_as_it_has_with_one_rho_d_and_with_one_a_texel() 
     assert_eq!((pooled.regions[0].lobes, pooled.map.extra["lobes"][5]), (2, 2.0));
     assert!(pooled.regions[0].rms < 1.2e-3);
     assert_eq!(pooled.map.attributes["fit.pool_rho_d"], "texel");
+}
+
+#[test]
+fn what_is_more_than_lobes_is_a_region_s_beside_a_rho_d_a_texel() {
+    let normal = glam::Vec2::new(0.08, -0.05);
+    let tilted = sampled(10, 1e-3, |texel| LobeBrdf { normal, ..material(texture(texel), 25.0) });
+    let extensions = Extensions { normals: true, ..Extensions::default() };
+    let pooled =
+        fit_sbrdf(&tilted, &one(), &FitOptions { extensions, ..FitOptions::default() }, &own()).unwrap();
+    let found = pooled.map.normal[0];
+    assert!((found - normal).length() < 3e-3, "{found}");
+
+    let coat = Microfacet { f0: Rgb::splat(0.05), f90: Rgb::ONE, alpha: 0.25 };
+    let coated = sampled(10, 1e-3, |texel| LobeBrdf {
+        rho_d: texture(texel),
+        microfacets: vec![coat],
+        ..LobeBrdf::default()
+    });
+    let extensions = Extensions { microfacets: Microfacets::Always, ..Extensions::default() };
+    let options = FitOptions { lobes: 0, extensions, ..FitOptions::default() };
+    let pooled = fit_sbrdf(&coated, &one(), &options, &own()).unwrap();
+    let found = pooled.map.texel(0).microfacets[0];
+    println!("{found:?} {:?}", pooled.regions);
+    assert!((found.alpha / coat.alpha - 1.0).abs() < 0.05 && (found.f0.x / coat.f0.x - 1.0).abs() < 0.05);
+    assert!(pooled.regions[0].rms < 1.2e-3);
 }
 
 #[test]
