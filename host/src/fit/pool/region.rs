@@ -45,7 +45,8 @@ pub(super) fn fit(
         return RegionFit { fit: workspace.fit(options), ..black };
     }
     let texels = gathered.starts.len() - 1;
-    let mut fit = if affordable_lobes(fitted.saturating_sub(texels), options) > 0 {
+    let telling = fitted.saturating_sub(texels);
+    let mut fit = if affordable_lobes(telling, options) > 0 || (options.lobes == 0 && telling > 0) {
         beside(workspace, &samples, gathered, options, Rgb::ZERO)
     } else {
         // So few samples a texel tell no more than its ρ_d.

@@ -230,6 +230,22 @@ fn what_is_more_than_lobes_is_a_region_s_beside_a_rho_d_a_texel() {
 }
 
 #[test]
+fn without_lobes_or_with_one_pose_a_texel_has_the_mean_of_its_samples() {
+    for (poses, lobes) in [(6, 0), (1, 1), (1, 0)] {
+        let sampled = sampled(poses, 1e-3, |texel| LobeBrdf::diffuse(texture(texel)));
+        let options = FitOptions { lobes, residual: Residual::Linear, ..FitOptions::default() };
+        let pooled = fit_sbrdf(&sampled, &one(), &options, &own()).unwrap();
+        for texel in 0..SIDE * SIDE {
+            let brdf = pooled.map.texel(texel);
+            let mean = sampled.samples(texel).map(|rgb| rgb.x).sum::<f32>() / poses as f32;
+            assert!(
+                (brdf.rho_d.x - mean).abs() < 1e-6 && brdf.lobes.iter().all(|lobe| lobe.rho_s == Rgb::ZERO)
+            );
+        }
+    }
+}
+
+#[test]
 fn a_store_is_fitted_as_the_samples_in_memory_and_by_fewer_samples_almost_as_well() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("sampled.zarr");
