@@ -15,7 +15,7 @@ use crate::error::{Error, Result};
 use crate::plan::distance::{DirectionPair, distance};
 use crate::progress;
 use crate::reflectance::SbrdfMap;
-use crate::sampled::{PoseGeometry, SampledStore, Window};
+use crate::sampled::{PoseGeometry, SampledSbrdf, SampledStore, Window};
 
 /// Which poses are held out.
 #[derive(Debug, Clone, PartialEq)]
@@ -117,37 +117,22 @@ impl HeldOut {
             .filter(|&(_, &distance)| distance > self.near)
             .map(|(&pose, _)| pose)
             .collect();
-        let fitted = map.extra.get("samples");
         let bar = progress::bar("judging", map.rho_d.len() as u64, "texels");
-        let of_block = |window: &Window| -> Result<Vec<[Option<(f64, usize)>; 3]>> {
+        let of_block = |window: &Window| -> Result<Vec<(usize, TexelError)>> {
             let mut sampled = store.read(window, false)?;
             sampled.poses.iter_mut().zip(&weights).for_each(|(pose, &weight)| pose.weight = weight);
             let texels = window.y.clone().flat_map(|y| window.x.clone().map(move |x| y * map.width + x));
-            let errors = texels.enumerate().map(|(index, texel)| {
-                let mut sums = [[0.0; 2]; 3];
-                if fitted.is_some_and(|fitted| fitted[texel] == 0.0) {
-                    return [None; 3];
-                }
-                for sample in samples::of_texel(&sampled, index, Weights::Pose) {
-                    let off = map.eval(texel, sample.wi, sample.wo) - sample.rgb;
-                    for group in [0, if far.contains(&sample.pose) { 2 } else { 1 }] {
-                        sums[group][0] += off.as_dvec3().length_squared();
-                        sums[group][1] += sample.rgb.as_dvec3().length_squared();
-                    }
-                }
-                sums.map(|[off, whole]| (whole > 0.0).then(|| ((off / whole).sqrt(), texel)))
-            });
-            let errors = errors.collect();
+            let of = |(index, texel)| (texel, texel_error(map, texel, &sampled, index, &far));
+            let errors = texels.enumerate().map(of).collect();
             bar.advance(window.texels() as u64);
             Ok(errors)
         };
-        let blocks: Vec<Result<Vec<[Option<(f64, usize)>; 3]>>> =
-            store.blocks().par_iter().map(of_block).collect();
+        let blocks: Vec<Result<Vec<(usize, TexelError)>>> = store.blocks().par_iter().map(of_block).collect();
         let mut groups: [Vec<(f64, usize)>; 3] = Default::default();
         for block in blocks {
-            for errors in block? {
+            for (texel, errors) in block? {
                 for (group, error) in groups.iter_mut().zip(errors) {
-                    group.extend(error);
+                    group.extend(error.map(|error| (error, texel)));
                 }
             }
         }
@@ -155,6 +140,31 @@ impl HeldOut {
         let mut of = |group: usize| HeldOutError::of(&mut groups[group], counts[group], map.width);
         Ok([of(0), of(1), of(2)])
     }
+}
+
+/// ‖f̂ − f‖ / ‖f‖ of a texel at all held-out poses, the near and the far ones; none without a sample that is not black.
+type TexelError = [Option<f64>; 3];
+
+/// The error of a map at the samples of a texel, which is number `index` of those that were read; none where the map has no coefficients for it.
+fn texel_error(
+    map: &SbrdfMap,
+    texel: usize,
+    sampled: &SampledSbrdf,
+    index: usize,
+    far: &BTreeSet<usize>,
+) -> TexelError {
+    if map.extra.get("samples").is_some_and(|samples| samples[texel] == 0.0) {
+        return [None; 3];
+    }
+    let mut sums = [[0.0; 2]; 3];
+    for sample in samples::of_texel(sampled, index, Weights::Pose) {
+        let off = map.eval(texel, sample.wi, sample.wo) - sample.rgb;
+        for group in [0, if far.contains(&sample.pose) { 2 } else { 1 }] {
+            sums[group][0] += off.as_dvec3().length_squared();
+            sums[group][1] += sample.rgb.as_dvec3().length_squared();
+        }
+    }
+    sums.map(|[off, whole]| (whole > 0.0).then(|| (off / whole).sqrt()))
 }
 
 /// The poses to hold out, in order.
@@ -234,7 +244,6 @@ mod tests {
     use super::super::{FitOptions, chunks};
     use super::*;
     use crate::reflectance::Brdf;
-    use crate::sampled::SampledSbrdf;
     use crate::synth;
 
     fn sampled(folder: &std::path::Path) -> (SampledSbrdf, SampledStore) {
