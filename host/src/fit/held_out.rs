@@ -170,14 +170,8 @@ fn texel_error(
 /// The poses to hold out, in order.
 fn held(usable: &[usize], count: usize, which: &Which, seed: u64) -> Result<Vec<usize>> {
     let random = |wanted: usize| {
-        let (mut poses, mut random) = (usable.to_vec(), Random::new(seed ^ 0x6865_6c64));
-        let wanted = wanted.min(poses.len());
-        for k in 0..wanted {
-            let other = k + (random.bits() % (poses.len() - k) as u64) as usize;
-            poses.swap(k, other);
-        }
-        poses.truncate(wanted);
-        poses.sort_unstable();
+        let mut poses = usable.to_vec();
+        Random::new(seed ^ 0x6865_6c64).draw(&mut poses, wanted);
         poses
     };
     Ok(match which {

@@ -248,14 +248,9 @@ fn fit(
 fn chosen(regions: &Regions, poses: usize, pool: &PoolOptions) -> Vec<Vec<usize>> {
     let most = (pool.most_samples / poses.max(1)).max(1);
     let mut texels = regions.texels();
-    for (region, texels) in texels.iter_mut().enumerate().filter(|(_, texels)| texels.len() > most) {
-        let mut random = Random::new(Random::new(pool.seed ^ 0x706f_6f6c).bits() ^ region as u64);
-        for k in 0..most {
-            let other = k + (random.bits() % (texels.len() - k) as u64) as usize;
-            texels.swap(k, other);
-        }
-        texels.truncate(most);
-        texels.sort_unstable();
+    for (region, texels) in texels.iter_mut().enumerate() {
+        let seed = Random::new(pool.seed ^ 0x706f_6f6c).bits() ^ region as u64;
+        Random::new(seed).draw(texels, most);
     }
     texels
 }
