@@ -22,6 +22,7 @@ pub mod materials;
 mod models;
 pub mod plan;
 mod plot;
+pub mod pool;
 pub mod render;
 mod residual;
 pub mod stability;

@@ -34,6 +34,8 @@ enum What {
         /// The rig; the default one when not given
         rig: Option<PathBuf>,
     },
+    /// Error by number of poses, texels fitted one by one and pooled, under a near and a far light and camera
+    Pool,
     /// Coefficients in fewer bits: f16 and 8 bits against f32
     Storage,
     /// Interpolated coefficients against interpolated reflectance, between texels and in MIP levels; filters of textures in pictures
@@ -89,6 +91,7 @@ pub(super) fn run(args: &ChartArgs, context: &mut Context) -> Result<()> {
             };
             context.report.stage("chart", || chart::plan::chart(&config, seed))?
         }
+        What::Pool => context.report.stage("chart", || chart::pool::chart(seed))?,
         What::Storage => context.report.stage("chart", || chart::storage::chart(seed))?,
         What::Interpolation => context.report.stage("chart", chart::interpolation::chart)?,
         What::Environment { environments, map_error, width } => {

@@ -1,6 +1,8 @@
 //! `lobelia fit`: a sampled SBRDF into an SBRDF map, at once or in parts, or one measured table into lobes a wavelength.
 
+mod held_out;
 mod parts;
+mod pool;
 mod table;
 
 use std::collections::BTreeMap;
@@ -15,6 +17,8 @@ use crate::files;
 use crate::fit::chunks::{self, Part};
 use crate::fit::extensions::{Extensions, Microfacets};
 use crate::fit::figures::ErrorFigure;
+use crate::fit::held_out::Which;
+use crate::fit::pool::{MOST_SAMPLES, RhoD};
 use crate::fit::weights::Weights;
 use crate::fit::{AlbedoBound, Device, Diffuse, FitOptions, MOST_LOBES, Method, Residual, gpu, mip};
 use crate::provenance::Texts;
@@ -112,6 +116,23 @@ pub(super) struct FitArgs {
     /// What the maps say of how they were made.
     #[arg(skip)]
     pub(super) made: Texts,
+    /// Leave poses of a sampled SBRDF out of the fit and tell its error on them: a share such as 0.1 or a number such as 20, drawn by --seed,
+    /// every:N (poses 0, N, 2 N, …) or list:I,J,… (poses count from 0). For a fit in parts give it to each part and to --merge
+    #[arg(long, value_name = "SHARE|N|every:N|list:I,J")]
+    pub(super) hold_out_poses: Option<Which>,
+    /// Fit one BRDF a region to the samples of all its texels, each at its own directions. Texels of one colour of this picture are one region;
+    /// transparent ones are of none and stay black. `lobelia edit cluster --index` writes such pictures; any PNG of one pixel a texel will do
+    #[arg(long, value_name = "INDEX.png", conflicts_with_all = ["chunks", "merge", "mip"])]
+    pub(super) pool: Option<PathBuf>,
+    /// Whether a pooled fit has one diffuse term a region, or one a texel beside the region's lobes
+    #[arg(long, value_enum, default_value_t = RhoDName::Region, value_name = "WHOSE", requires = "pool")]
+    pub(super) pool_rho_d: RhoDName,
+    /// The colour of texels that are of no region, #rrggbb or a grey value from 0 to 255
+    #[arg(long, value_name = "COLOUR", requires = "pool", value_parser = pool::parse_colour)]
+    pub(super) pool_outside: Option<[u8; 3]>,
+    /// Most samples to which a region is fitted: those of whole texels, drawn by --seed; errors are of all
+    #[arg(long, value_name = "N", default_value_t = MOST_SAMPLES, requires = "pool")]
+    pub(super) pool_samples: usize,
 }
 
 /// A number of lobes, or the choice left to the command.
@@ -151,6 +172,24 @@ pub(super) enum MethodName {
     /// As lm, with one colour for all lobes as published: the mean ratio of the samples to the lobes; for comparison, since it fails with
     /// noise where the lobes are near zero. Texels alone
     Ratio,
+}
+
+/// Whose diffuse term is, on the command line.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub(super) enum RhoDName {
+    /// One a region
+    Region,
+    /// One a texel
+    Texel,
+}
+
+impl From<RhoDName> for RhoD {
+    fn from(name: RhoDName) -> Self {
+        match name {
+            RhoDName::Region => Self::Region,
+            RhoDName::Texel => Self::Texel,
+        }
+    }
 }
 
 /// Names of weights on the command line.
@@ -315,13 +354,13 @@ fn fit_input(args: &FitArgs, seed: u64) -> Result<FitOutcome> {
         return Err(Error::input(format!("{}: an SBRDF map's name ends in .exr", output.display())));
     }
     if !args.merge.is_empty() {
-        return parts::merge(args);
+        return parts::merge(args, seed);
     }
     let Some(input) = &args.input else {
         return Err(Error::input("there is nothing to fit: name a sampled SBRDF or a measured table"));
     };
     match files::ending(input).as_str() {
-        "zarr" => fit_sampled(args, input),
+        "zarr" => fit_sampled(args, input, seed),
         "brdf" | "dat" | "txt" | "alta" | "binary" => table::fit(args, input, seed),
         _ => Err(Error::input(format!(
             "{}: `fit` reads a sampled SBRDF (.zarr) or a measured table (.brdf, .dat, .txt, .alta, .binary); the name's ending must say which",
@@ -350,7 +389,7 @@ fn say_when_interrupted(part: bool) {
     });
 }
 
-fn fit_sampled(args: &FitArgs, input: &Path) -> Result<FitOutcome> {
+fn fit_sampled(args: &FitArgs, input: &Path, seed: u64) -> Result<FitOutcome> {
     let output = output(args)?;
     let mut options = sampled_options(args)?;
     if args.chunks.is_some() && args.mip {
@@ -358,11 +397,15 @@ fn fit_sampled(args: &FitArgs, input: &Path) -> Result<FitOutcome> {
             "a part has the finest level alone; give --mip to --merge, which fits the others",
         ));
     }
-    let store = SampledStore::open(input)?;
+    let mut store = SampledStore::open(input)?;
+    let held = held_out::hold_out(args, &mut store, seed)?;
     say_when_interrupted(args.chunks.is_some());
     args.weigh(&mut options, &store);
     if let Some(part) = args.chunks {
-        return parts::fit(&store, &options, part, output, &args.made);
+        return parts::fit(&store, &options, part, held.as_ref(), output, &args.made);
+    }
+    if let Some(index) = &args.pool {
+        return pool::fit(args, &store, &options, index, held.as_ref(), seed);
     }
     if args.device == DeviceName::Auto {
         options.device = gpu::faster(&store, &options)?;
@@ -371,11 +414,13 @@ fn fit_sampled(args: &FitArgs, input: &Path) -> Result<FitOutcome> {
     let mut map = chunks::fit_store(&store, &options)?;
     let seconds = start.elapsed().as_secs_f64();
     map.attributes.extend(args.made.clone());
+    held.iter().for_each(|held| held.note(&mut map));
     write_map(&map, output)?;
     if args.mip {
         write_levels(&store, &options, output, &args.made)?;
     }
-    let outcome = sampled_outcome(&map, seconds);
+    let mut outcome = sampled_outcome(&map, seconds);
+    let held_out = held_out::judge(held.as_ref(), &store, &map, &mut outcome)?;
     let (texels, poses) = (store.width * store.height, store.poses.len());
     let device = match options.device {
         Device::Cpu => String::new(),
@@ -385,7 +430,11 @@ fn fit_sampled(args: &FitArgs, input: &Path) -> Result<FitOutcome> {
         "{texels} texels × {poses} poses, {} by {}{device}: {seconds:.1} s\n{}",
         lobes_in_words(&map, &options),
         options.method.name(),
-        outcome.residuals() + &albedos_in_words(&map) + &mirrors_in_words(&map) + &ties_in_words(&map)
+        outcome.residuals()
+            + &held_out
+            + &albedos_in_words(&map)
+            + &mirrors_in_words(&map)
+            + &ties_in_words(&map)
     ))?;
     Ok(outcome)
 }

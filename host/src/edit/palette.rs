@@ -44,7 +44,8 @@ pub fn with_swatches(brdfs: Vec<LobeBrdf>) -> Vec<Entry> {
     entries
 }
 
-fn hex(swatch: [u8; 3]) -> String {
+/// A colour as `#a0b1c2`.
+pub(crate) fn hex(swatch: [u8; 3]) -> String {
     format!("#{:02x}{:02x}{:02x}", swatch[0], swatch[1], swatch[2])
 }
 
@@ -130,7 +131,8 @@ pub fn read(path: &Path) -> Result<Vec<Entry>> {
     Ok(entries)
 }
 
-fn parse_hex(text: &str) -> Option<[u8; 3]> {
+/// The colour that a text such as `#a0b1c2` names.
+pub(crate) fn parse_hex(text: &str) -> Option<[u8; 3]> {
     let digits = text.strip_prefix('#').filter(|digits| digits.len() == 6)?;
     let value = u32::from_str_radix(digits, 16).ok()?;
     let [_, r, g, b] = value.to_be_bytes();

@@ -294,7 +294,7 @@ fn fit_blocks(
 }
 
 /// Rows of texels in order of blocks, laid out as the image that the blocks make up.
-fn laid_out([width, height]: [usize; 2], blocks: &[Window], rows: &[&SbrdfMap]) -> SbrdfMap {
+pub(super) fn laid_out([width, height]: [usize; 2], blocks: &[Window], rows: &[&SbrdfMap]) -> SbrdfMap {
     let mut places = blocks
         .iter()
         .flat_map(|block| block.y.clone().flat_map(|y| block.x.clone().map(move |x| y * width + x)));

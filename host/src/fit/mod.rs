@@ -4,6 +4,8 @@
 //! that are linear in f. [`Method::Lm`]: shapes by Levenberg–Marquardt on luminance ([`lm`]) from a deterministic search for the start ([`start`]),
 //! then the colours by non-negative least squares ([`albedo`]); any number of lobes up to [`MOST_LOBES`]. [`Method::Ratio`]: the same with the published colours (4.10). [`Method::LineSearch`]: the
 //! published search over n for one lobe ([`line_search`]), above a percentile for ρ_d ([`diffuse`]); [`Method::LineSearchScaled`]: a variant of it that stands noise better.
+//!
+//! [`pool`] fits one BRDF to all texels of a region; [`held_out`] tells errors on poses that were not fitted.
 
 pub mod albedo;
 pub mod brent;
@@ -15,11 +17,13 @@ pub mod evaluate;
 pub mod extensions;
 pub mod figures;
 pub mod gpu;
+pub mod held_out;
 pub mod line_search;
 pub mod linear;
 pub mod lm;
 pub mod mip;
 pub mod model;
+pub mod pool;
 pub mod quadratic;
 pub mod random;
 pub mod samples;
@@ -383,12 +387,15 @@ fn has_samples(map: &SbrdfMap) -> Result<()> {
     Ok(())
 }
 
+/// What is wrong where samples are to weigh by standard deviations that are not there.
+fn no_sigma() -> Error {
+    Error::input("the sampled SBRDF has no standard deviations to weigh by (array sigma); use --weights pose")
+}
+
 /// As [`fit_sbrdf`] with options that are checked, for a window that may be without any sample; `done` is called a texel.
 fn fit_window(sampled: &SampledSbrdf, options: &FitOptions, done: impl Fn() + Sync) -> Result<SbrdfMap> {
     if options.weights == Weights::Sigma && sampled.sigma.is_none() {
-        let message =
-            "the sampled SBRDF has no standard deviations to weigh by (array sigma); use --weights pose";
-        return Err(Error::input(message));
+        return Err(no_sigma());
     }
     let fits = match options.method {
         Method::Separable if options.device == Device::Gpu => gpu::fit(sampled, options, &done)?,
@@ -466,14 +473,9 @@ fn load(
     left_out: &[usize],
 ) {
     samples.clear();
-    let sigmas = sampled.sigmas(index).filter(|_| options.weights == Weights::Sigma);
-    for (pose, rgb) in sampled.samples(index).enumerate() {
-        if rgb.is_finite() && !left_out.contains(&pose) {
-            let (wi, wo) = sampled.directions(index, pose);
-            let weight = sampled.poses[pose].weight;
-            let weight = sigmas.map_or(weight, |sigmas| weights::by_sigma(weight, &sigmas[3 * pose..]));
-            samples.push_rgb(wi, wo, rgb, weight);
-        }
+    let all = samples::of_texel(sampled, index, options.weights);
+    for sample in all.filter(|sample| !left_out.contains(&sample.pose)) {
+        samples.push_rgb(sample.wi, sample.wo, sample.rgb, sample.weight);
     }
 }
 

@@ -24,6 +24,19 @@ impl Random {
         low + (high - low) * (self.bits() >> 11) as f64 / (1u64 << 53) as f64
     }
 
+    /// Keeps `count` of a list, drawn at random, in ascending order; all of them where there are no more.
+    pub fn draw(&mut self, list: &mut Vec<usize>, count: usize) {
+        if count >= list.len() {
+            return;
+        }
+        for k in 0..count {
+            let other = k + (self.bits() % (list.len() - k) as u64) as usize;
+            list.swap(k, other);
+        }
+        list.truncate(count);
+        list.sort_unstable();
+    }
+
     /// Standard normal (Box–Muller).
     pub fn normal(&mut self) -> f64 {
         let radius = (-2.0 * (1.0 - self.uniform(0.0, 1.0)).ln()).sqrt();

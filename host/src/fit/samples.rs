@@ -3,7 +3,37 @@
 use glam::{DVec3, Vec3};
 
 use super::Residual;
+use super::weights::{self, Weights};
 use crate::reflectance::{Rgb, colour};
+use crate::sampled::SampledSbrdf;
+
+/// One valid sample of a texel.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Sample {
+    /// Index of its pose.
+    pub pose: usize,
+    /// Toward the light.
+    pub wi: Vec3,
+    /// Toward the camera.
+    pub wo: Vec3,
+    /// Reflectance, sr⁻¹.
+    pub rgb: Rgb,
+    /// Weight of its squared residual.
+    pub weight: f64,
+}
+
+/// The valid samples of texel `index`: finite, of some weight, light and camera above the horizon.
+pub fn of_texel(sampled: &SampledSbrdf, index: usize, weights: Weights) -> impl Iterator<Item = Sample> + '_ {
+    let sigmas = sampled.sigmas(index).filter(|_| weights == Weights::Sigma);
+    let finite = sampled.samples(index).enumerate().filter(|(_, rgb)| rgb.is_finite());
+    let samples = finite.map(move |(pose, rgb)| {
+        let (wi, wo) = sampled.directions(index, pose);
+        let weight = sampled.poses[pose].weight;
+        let weight = sigmas.map_or(weight, |sigmas| weights::by_sigma(weight, &sigmas[3 * pose..]));
+        Sample { pose, wi, wo, rgb, weight }
+    });
+    samples.filter(|sample| sample.weight > 0.0 && sample.wi.z > 0.0 && sample.wo.z > 0.0)
+}
 
 /// Samples of one BRDF. The base of every lobe is linear in the four products.
 #[derive(Debug, Clone, Default)]

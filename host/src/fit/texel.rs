@@ -19,8 +19,8 @@ pub struct Workspace {
     search: Search,
 }
 
-/// The fit of one texel.
-#[derive(Debug, Clone, PartialEq)]
+/// The fit of one texel; by default black, without a sample.
+#[derive(Debug, Clone, PartialEq, Default)]
 pub struct TexelFit {
     /// Coefficients.
     pub brdf: LobeBrdf,

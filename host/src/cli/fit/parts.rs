@@ -3,11 +3,14 @@
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-use super::{FitArgs, FitOutcome, output, print, sampled_options, sampled_outcome, write_levels, write_map};
+use super::{
+    FitArgs, FitOutcome, held_out, output, print, sampled_options, sampled_outcome, write_levels, write_map,
+};
 use crate::error::{Error, Result};
 use crate::files;
 use crate::fit::FitOptions;
 use crate::fit::chunks::{self, Part};
+use crate::fit::held_out::HeldOut;
 use crate::provenance::Texts;
 use crate::sampled::SampledStore;
 
@@ -31,6 +34,7 @@ pub(super) fn fit(
     store: &SampledStore,
     options: &FitOptions,
     part: Part,
+    held: Option<&HeldOut>,
     output: &Path,
     made: &Texts,
 ) -> Result<FitOutcome> {
@@ -48,6 +52,7 @@ pub(super) fn fit(
     let start = Instant::now();
     let mut shard = chunks::fit_part(store, options, part)?;
     shard.attributes.extend(made.clone());
+    held.iter().for_each(|held| held.note(&mut shard));
     write_map(&shard, output)?;
     let seconds = start.elapsed().as_secs_f64();
     outcome.figures.insert("texels".into(), shard.width.into());
@@ -57,10 +62,19 @@ pub(super) fn fit(
 }
 
 /// Joins shards into a map, which says what they say of how they were made, and fits its MIP levels where they are asked for.
-pub(super) fn merge(args: &FitArgs) -> Result<FitOutcome> {
+pub(super) fn merge(args: &FitArgs, seed: u64) -> Result<FitOutcome> {
     let output = output(args)?;
     let start = Instant::now();
-    let store = args.input.as_deref().map(SampledStore::open).transpose()?;
+    let mut store = args.input.as_deref().map(SampledStore::open).transpose()?;
+    let held = match (&mut store, &args.hold_out_poses) {
+        (Some(store), _) => held_out::hold_out(args, store, seed)?,
+        (None, None) => None,
+        (None, Some(_)) => {
+            let message =
+                "--hold-out-poses tells errors on samples: name the sampled SBRDF (.zarr) before --merge";
+            return Err(Error::input(message));
+        }
+    };
     let map = chunks::merge(&args.merge, store.as_ref())?;
     let levels = match (&store, args.mip) {
         (_, false) => None,
@@ -84,7 +98,12 @@ pub(super) fn merge(args: &FitArgs) -> Result<FitOutcome> {
     let mut outcome = sampled_outcome(&map, start.elapsed().as_secs_f64());
     // Joining is no fit: its rate would mislead.
     outcome.figures.remove("texels_per_second");
+    let held_out = match &store {
+        Some(store) => held_out::judge(held.as_ref(), store, &map, &mut outcome)?,
+        None => String::new(),
+    };
     let (file, shards) = (output.display(), args.merge.len());
-    print(&format!("{file}: {} texels of {shards} shards\n{}", map.width * map.height, outcome.residuals()))?;
+    let residuals = outcome.residuals();
+    print(&format!("{file}: {} texels of {shards} shards\n{residuals}{held_out}", map.width * map.height))?;
     Ok(outcome)
 }

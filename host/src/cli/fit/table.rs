@@ -24,6 +24,9 @@ pub(super) fn fit(args: &FitArgs, input: &Path, seed: u64) -> Result<FitOutcome>
     if args.chunks.is_some() || args.mip {
         return Err(Error::input("--chunks and --mip are for sampled SBRDFs (.zarr)"));
     }
+    if args.pool.is_some() || args.hold_out_poses.is_some() {
+        return Err(Error::input("--pool and --hold-out-poses are for sampled SBRDFs (.zarr)"));
+    }
     if args.weights == WeightsName::Sigma {
         return Err(Error::input(
             "--weights sigma is for sampled SBRDFs (.zarr); tables have no noise of their own",

@@ -218,3 +218,96 @@ fn the_zarr_path_goes_from_a_store_to_a_map() {
     }
     assert!(!folder.path().join("m.mip3.exr").exists());
 }
+
+/// 12 × 10 texels of one material at 40 poses, written beside an index image of two regions.
+fn store_and_index(folder: &std::path::Path) -> (String, String) {
+    let options = crate::synth::Options {
+        width: 12,
+        height: 10,
+        texel_mm: 2.0,
+        poses: 40,
+        noise: 1e-3,
+        relative_noise: 0.0,
+        seed: 2,
+    };
+    let clay = crate::reflectance::materials::published("clay").unwrap();
+    let sampled =
+        crate::synth::sample(&options, |_, _, wi, wo| crate::reflectance::Brdf::eval(&clay, wi, wo));
+    let (store, index) = (folder.join("sampled.zarr"), folder.join("index.png"));
+    sampled.write_zarr(&store).unwrap();
+    image::GrayImage::from_fn(12, 10, |x, _| image::Luma([if x < 4 { 255 } else { 3 }]))
+        .save(&index)
+        .unwrap();
+    (store.to_str().unwrap().into(), index.to_str().unwrap().into())
+}
+
+#[test]
+fn a_pooled_fit_writes_a_map_of_regions_and_reports_each() {
+    let folder = tempfile::tempdir().unwrap();
+    let (store, index) = store_and_index(folder.path());
+    let output = folder.path().join("pooled.exr");
+    let mut arguments = vec![&store[..], "--pool", &index, "--lobes", "1", "--isotropic", "-o"];
+    arguments.push(output.to_str().unwrap());
+    let outcome = fit_input(&parsed(&arguments), 1).unwrap();
+    let regions = outcome.figures["regions"].as_array().unwrap();
+    assert_eq!((regions.len(), &regions[0]["texels"], &regions[1]["samples"]), (2, &40.into(), &3200.into()));
+    assert_eq!(regions[0]["region"], "1 #ffffff");
+    assert!(regions[0]["rms_per_sr"].as_f64().unwrap() > 0.0);
+    let map = SbrdfMap::read_exr(&output).unwrap();
+    assert_eq!((map.texel(0), map.extra["region"][11]), (map.texel(3), 2.0));
+
+    let with = |more: &[&'static str]| {
+        let arguments: Vec<&str> = arguments.iter().copied().chain(more.iter().copied()).collect();
+        fit_input(&parsed(&arguments), 1)
+    };
+    let outcome =
+        with(&["--pool-outside", "255", "--pool-rho-d", "texel", "--hold-out-poses", "0.2"]).unwrap();
+    assert_eq!(outcome.figures["texels_outside_regions"], 40);
+    let held = outcome.errors.iter().find(|error| error.name == "held_out_relative_rms_median").unwrap();
+    assert!(held.over.starts_with("80 texels, samples of 8 poses") && held.value < 0.05, "{held:?}");
+
+    image::GrayImage::new(12, 9).save(&index).unwrap();
+    let error = with(&[]).unwrap_err();
+    assert!(error.exit_code() == 2 && error.to_string().contains("12 × 9 pixels do not fit 12 × 10 texels"));
+    let error = with(&["--method", "lm"]).unwrap_err();
+    assert!(error.exit_code() == 2 && error.to_string().contains("separable method alone"), "{error}");
+    for wrong in [&["--chunks", "1/2"][..], &["--mip"], &["--pool-outside", "#12345"]] {
+        let all = std::iter::once(&"fit").chain(&arguments).chain(wrong);
+        assert!(Command::try_parse_from(all).is_err(), "{wrong:?}");
+    }
+}
+
+#[test]
+fn held_out_poses_are_told_the_same_for_a_fit_at_once_and_in_parts() {
+    let folder = tempfile::tempdir().unwrap();
+    let (store, _) = store_and_index(folder.path());
+    let path = |name: &str| folder.path().join(name).to_str().unwrap().to_string();
+    let (whole, part, merged) = (path("whole.exr"), path("part.exr"), path("merged.exr"));
+    let fixed = ["--lobes", "1", "--isotropic", "--hold-out-poses", "every:5"];
+    let run = |more: &[&str]| {
+        let arguments: Vec<&str> = std::iter::once(&store[..]).chain(more.iter().copied()).collect();
+        fit_input(&parsed(&arguments), 1)
+    };
+    let at_once = run(&[&fixed[..], &["-o", &whole]].concat()).unwrap();
+    assert_eq!(
+        (&at_once.figures["poses_fitted"], at_once.figures["poses_held_out"][1].as_u64()),
+        (&32.into(), Some(5))
+    );
+    let named = |outcome: &FitOutcome| -> Vec<ErrorFigure> {
+        outcome.errors.iter().filter(|error| error.name.starts_with("held_out")).cloned().collect()
+    };
+    let groups = named(&at_once);
+    assert!(groups.len() >= 8 && groups[0].depends["poses"] == "all" && groups[0].value < 0.2, "{groups:?}");
+    run(&[&fixed[..], &["--chunks", "1/1", "-o", &part]].concat()).unwrap();
+    let joined = run(&[&fixed[2..], &["-o", &merged, "--merge", &part]].concat()).unwrap();
+    assert_eq!(named(&joined), groups);
+    let [whole, merged] = [whole, merged].map(|path| std::fs::read(path).unwrap());
+    assert!(whole == merged);
+    // A part that saw other poses is of other samples.
+    let error = run(&["-o", &path("other.exr"), "--merge", &part]).unwrap_err();
+    assert!(error.exit_code() == 2 && error.to_string().contains("other samples"), "{error}");
+    let arguments = ["--hold-out-poses", "0.1", "-o", &path("other.exr"), "--merge", &part];
+    assert!(fit_input(&parsed(&arguments), 1).unwrap_err().to_string().contains("name the sampled SBRDF"));
+    let error = run(&["--hold-out-poses", "list:40", "-o", &path("other.exr")]).unwrap_err();
+    assert!(error.exit_code() == 2 && error.to_string().contains("pose 40 is not there"), "{error}");
+}

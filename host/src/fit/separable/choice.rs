@@ -10,6 +10,7 @@ use glam::{DMat3, DVec3};
 use super::super::linear;
 use super::super::model::Model;
 use super::columns::CHANNELS;
+use super::levels;
 use super::normal::{self, Amplitudes, LINEAR};
 use super::shape::UNKNOWNS;
 use super::solver::Solver;
@@ -34,6 +35,7 @@ pub fn left_out(solver: &Solver, task: Task, model: &Model, at: &Amplitudes) -> 
         (0..layout.channels).map(|channel| Response::new(solver, layout, at, channel)).collect();
     let columns = &solver.columns;
     let weight = columns.column(0);
+    let own = levels::shares(&solver.data.texels, weight);
     (0..weight.len())
         .map(|k| {
             if weight[k] <= 0.0 {
@@ -42,7 +44,7 @@ pub fn left_out(solver: &Solver, task: Task, model: &Model, at: &Amplitudes) -> 
             let mut residual = DVec3::ZERO;
             // Derivatives of the pose's values by the shapes, amplitudes following; what of the hat matrix is the amplitudes' own.
             let mut slopes = [[0.0; UNKNOWNS]; CHANNELS];
-            let mut hat = DMat3::ZERO;
+            let mut hat = DMat3::IDENTITY * own.get(k).copied().unwrap_or(0.0);
             let mut solved = [0.0; LINEAR];
             for (channel, response) in responses.iter().enumerate() {
                 let x = &at.x[channel];

@@ -3,6 +3,7 @@
 
 use super::data::Data;
 use super::extended;
+use super::levels;
 use super::math::{self, LANES};
 use super::normal::Layout;
 
@@ -101,6 +102,8 @@ pub struct Columns {
     slope: Vec<f64>,
     /// Samples.
     count: usize,
+    /// Where texels with a ρ_d each begin, as in the data.
+    texels: Vec<usize>,
 }
 
 /// Products of columns, row by row with [`WIDTH`] places a row; both halves are filled.
@@ -112,6 +115,7 @@ impl Columns {
     pub fn begin(&mut self, data: &Data, gram: &mut Gram) {
         debug_assert!(data.len().is_multiple_of(LANES));
         self.count = data.len();
+        self.texels.clone_from(&data.texels);
         self.values.resize(WIDTH * self.count, 0.0);
         self.slope.resize(self.count, 0.0);
         self.values[..self.count].copy_from_slice(&data.root);
@@ -144,6 +148,7 @@ impl Columns {
         for (form, columns) in forms.iter().zip(rest.chunks_exact_mut(((2 + T) * count).max(1))) {
             lobe(form, products, &common[..count], &mut self.slope, columns);
         }
+        self.level(COMMON, COMMON + (2 + T) * forms.len());
         self.products(COMMON, COMMON + (2 + T) * forms.len(), gram);
     }
 
@@ -171,7 +176,21 @@ impl Columns {
         if let Some(alpha) = coat {
             extended::fill_coat(alpha, [&products.plane, &products.zz], cosines, root, coats);
         }
+        self.level(COMMON, layout.columns());
         self.products(COMMON, layout.columns(), gram);
+    }
+
+    /// Takes from the columns `from..to` what the texels' own ρ_d make up for.
+    #[inline(always)]
+    fn level(&mut self, from: usize, to: usize) {
+        if self.texels.is_empty() {
+            return;
+        }
+        let (root, columns) = self.values.split_at_mut(self.count);
+        let columns = &mut columns[(from - 1) * self.count..(to - 1) * self.count];
+        for column in columns.chunks_exact_mut(self.count.max(1)) {
+            levels::take_off(&self.texels, root, column);
+        }
     }
 
     /// The products of columns `from..to` with all up to them.

@@ -7,6 +7,7 @@ use glam::DVec3;
 use super::super::Residual;
 use super::super::samples::{MOST_OVER_SEEN, Samples};
 use super::super::weights::Weights;
+use super::levels;
 use super::math::LANES;
 use crate::reflectance::colour;
 use crate::sampled::{PoseGeometry, SampledSbrdf};
@@ -100,6 +101,8 @@ pub struct Data {
     pub most: [f64; 3],
     /// How many channels are fitted together.
     pub channels: usize,
+    /// Where the places of each texel begin and those of the last end, where texels that are fitted together have a ρ_d each ([`levels`]); else empty.
+    pub texels: Vec<usize>,
 }
 
 impl Data {
@@ -111,6 +114,17 @@ impl Data {
     /// Whether there are no places.
     pub fn is_empty(&self) -> bool {
         self.weight.is_empty()
+    }
+
+    /// Valid samples beyond those that the texels' own ρ_d take up.
+    pub fn telling(&self) -> usize {
+        self.valid.saturating_sub(self.texels.len().saturating_sub(1))
+    }
+
+    /// Takes from the goals what the texels' own ρ_d make up for.
+    fn level(&mut self) {
+        let Self { root, goal, channels, texels, .. } = self;
+        goal.iter_mut().take(*channels).for_each(|goal| levels::take_off(texels, root, goal));
     }
 
     fn resize(&mut self, count: usize) {
@@ -135,6 +149,7 @@ impl Data {
     #[inline(always)]
     pub fn load(&mut self, poses: &Poses, sampled: &SampledSbrdf, index: usize, weights: Weights) {
         let count = poses.weight.len();
+        self.texels.clear();
         self.resize(count);
         self.products.set(poses, sampled.position_mm(index));
         let values = sampled.values(index);
@@ -181,6 +196,7 @@ impl Data {
     /// Takes samples of which the directions are known one by one.
     pub fn take(&mut self, samples: &Samples) {
         self.deviation.iter_mut().for_each(Vec::clear);
+        self.texels.clear();
         let valid = samples.len();
         let count = valid.next_multiple_of(LANES);
         self.resize(count);
@@ -279,6 +295,7 @@ impl Data {
             self.scale[place] = scale;
             self.most[place] = MOST_OVER_SEEN * scale * largest.into_iter().fold(0.0, f64::max);
         }
+        self.level();
     }
 
     /// Sets the roots of the weights to the inverse of the samples' standard deviations, of which the channels have `shares`; returns the sum of what that
@@ -336,6 +353,7 @@ impl Data {
             root[k] *= factor.sqrt();
             goal.iter_mut().take(*channels).for_each(|goal| goal[k] *= factor.sqrt());
         }
+        self.level();
     }
 }
 

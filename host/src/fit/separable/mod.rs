@@ -6,7 +6,7 @@
 //! darker or brighter the channel is on the whole.
 //!
 //! From the outside in: [`texel`] fits one texel, [`climb`] goes from simpler fits to larger ones, [`start`] says what a fit is to be and follows neighbours, [`search`] finds where to begin, by the [`score`] of a [`bank`] of shapes, [`solver`] optimises, [`normal`] does the small linear
-//! algebra on the products of the [`columns`] that [`shape`] defines over the [`data`], with [`math`] that vectorises; [`extended`] has what a model may have beyond plain lobes, and [`extend`] says when; [`robust`] weighs outliers less; [`bound`] keeps directional albedos below 1, [`uncertainty`] says how sure the result is, [`choice`] how many lobes it takes, [`mirror`] finds peaks that no lobe should be fitted to, [`prior`] decides what the poses do not tell.
+//! algebra on the products of the [`columns`] that [`shape`] defines over the [`data`], with [`math`] that vectorises; [`extended`] has what a model may have beyond plain lobes, and [`extend`] says when; [`robust`] weighs outliers less; [`bound`] keeps directional albedos below 1, [`uncertainty`] says how sure the result is, [`choice`] how many lobes it takes, [`mirror`] finds peaks that no lobe should be fitted to, [`levels`] gives texels that are fitted together a ρ_d each, [`prior`] decides what the poses do not tell.
 
 pub mod bank;
 pub mod bound;
@@ -20,6 +20,7 @@ pub mod extend;
 pub mod extended;
 #[cfg(test)]
 mod extended_tests;
+pub mod levels;
 pub mod math;
 pub mod mirror;
 pub mod normal;

@@ -17,9 +17,9 @@ use super::mirror::Mirror;
 use super::normal::{Amplitudes, Layout};
 use super::prior;
 use super::robust;
+use super::search::Search;
 use super::shape::Family;
 use super::solver::{Solver, UNTOLD, WILD};
-use super::search::Search;
 use super::start::{self, Effort, Task};
 use super::uncertainty::{self, Sigma};
 use crate::reflectance::{LobeBrdf, Microfacet, Rgb};
@@ -45,6 +45,8 @@ pub struct Workspace {
     trail: Trail,
     /// Whether another number of lobes would have done almost as well there.
     pub(super) doubtful: bool,
+    /// The ρ_d beside which lobes keep the bound on albedos, where the texels that are fitted together have one each.
+    level: [f64; CHANNELS],
 }
 
 /// A model of a family.
@@ -146,6 +148,14 @@ impl Workspace {
         self.neighbour.clear();
         self.solver.data.take(samples);
         self.bank.fill(&self.solver.data.products, self.solver.data.cone);
+    }
+
+    /// As [`Self::take`], for samples of several texels that follow each other, each with a ρ_d of its own ([`levels`](super::levels)): `starts` says where
+    /// the texels begin and where the last ends. Lobes keep the bound on albedos beside a ρ_d of `level`, which is what the fit then has.
+    pub fn take_texels(&mut self, samples: &Samples, starts: &[usize], level: [f64; CHANNELS]) {
+        self.take(samples);
+        self.solver.data.texels.extend_from_slice(starts);
+        self.level = level;
     }
 
     /// Fits the samples that were read, of the texel that follows in the block's order, row by row; `column` is its place in the row. It
@@ -400,7 +410,7 @@ impl Workspace {
         let arch = self.solver.arch;
         arch.dispatch(Aim(&mut self.solver.data, channels, options.residual, fixed));
         self.solver.begin();
-        let lobes = affordable_lobes(self.solver.data.valid, options);
+        let lobes = affordable_lobes(self.solver.data.telling(), options);
         Task {
             lobes,
             family: if options.isotropic { Family::Isotropic } else { Family::Anisotropic },
@@ -413,6 +423,7 @@ impl Workspace {
     /// ρ_d where it is no unknown.
     fn fixed_diffuse(&self, options: &FitOptions) -> Option<[f64; 3]> {
         match options.diffuse {
+            _ if !self.solver.data.texels.is_empty() => Some(self.level),
             Diffuse::Percentile(percentile) if affordable_lobes(self.solver.data.valid, options) > 0 => {
                 Some(self.percentile(percentile))
             }

@@ -207,7 +207,7 @@ pub fn sigma(solver: &Solver, family: Family, diffuse: bool, model: &Model, at: 
 pub(super) fn variance(solver: &Solver, layout: Layout, at: &Amplitudes) -> f64 {
     let free = at.free.iter().take(layout.channels).flatten().filter(|&&free| free).count();
     let unknowns = free + layout.size();
-    at.cost / (solver.data.valid * layout.channels).saturating_sub(unknowns).max(1) as f64
+    at.cost / (solver.data.telling() * layout.channels).saturating_sub(unknowns).max(1) as f64
 }
 
 /// Which lobes of a model that was evaluated last are told from noise.

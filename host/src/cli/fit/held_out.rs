@@ -1,0 +1,79 @@
+//! `lobelia fit --hold-out-poses`: the error on poses that were not fitted, in the report and on the terminal.
+
+use super::{FitArgs, FitOutcome};
+use crate::error::Result;
+use crate::fit::figures::ErrorFigure;
+use crate::fit::held_out::{HeldOut, HeldOutError};
+use crate::reflectance::SbrdfMap;
+use crate::sampled::SampledStore;
+
+/// The names of the groups of poses in the report.
+const GROUPS: [&str; 3] = ["all", "near", "far"];
+
+/// Takes the weight from the poses that are held out, if any are.
+///
+/// # Errors
+/// As [`HeldOut::choose`].
+pub(super) fn hold_out(args: &FitArgs, store: &mut SampledStore, seed: u64) -> Result<Option<HeldOut>> {
+    let isotropic = args.isotropic || args.separate_channels;
+    let which = args.hold_out_poses.as_ref();
+    which.map(|which| HeldOut::choose(&mut store.poses, which, isotropic, seed)).transpose()
+}
+
+/// Adds the errors of a map on held-out poses to what the command found, and says them in a line; empty without such poses.
+///
+/// # Errors
+/// When a chunk of the store cannot be read.
+pub(super) fn judge(
+    held: Option<&HeldOut>,
+    store: &SampledStore,
+    map: &SbrdfMap,
+    outcome: &mut FitOutcome,
+) -> Result<String> {
+    let Some(held) = held else { return Ok(String::new()) };
+    let errors = held.errors(store, map)?;
+    for (group, error) in GROUPS.iter().zip(&errors).filter(|(_, error)| error.texels > 0) {
+        let over = format!("{} texels, samples of {} poses that were not fitted", error.texels, error.poses);
+        for (name, value) in [
+            ("held_out_relative_rms_median", error.p50),
+            ("held_out_relative_rms_p95", error.p95),
+            ("held_out_relative_rms_p99", error.p99),
+            ("held_out_relative_rms_largest", error.worst),
+        ] {
+            let mut figure = ErrorFigure::new(name, value, "1", over.clone()).with("poses", *group);
+            if name.ends_with("largest") {
+                figure = figure.with("texel", error.worst_texel.to_vec());
+            }
+            outcome.errors.push(figure);
+        }
+    }
+    outcome.figures.insert("poses_held_out".into(), held.poses.clone().into());
+    outcome.figures.insert("poses_fitted".into(), held.fitted.into());
+    outcome.figures.insert("held_out_near_deg".into(), held.near.to_degrees().into());
+    Ok(words(held, &errors))
+}
+
+/// The errors in a line, and in another those of near and far poses where there are both.
+fn words(held: &HeldOut, [all, near, far]: &[HeldOutError; 3]) -> String {
+    let of = |error: &HeldOutError| {
+        let [p50, p95, p99, worst] =
+            [error.p50, error.p95, error.p99, error.worst].map(|value| format!("{:.2} %", 100.0 * value));
+        let [x, y] = error.worst_texel;
+        format!("median {p50}, p95 {p95}, p99 {p99}, worst {worst} at texel ({x}, {y})")
+    };
+    if all.texels == 0 {
+        return format!("held out: {} poses, at which no texel has a sample\n", all.poses);
+    }
+    let mut text = format!("held out: {} poses, relative error {}\n", all.poses, of(all));
+    let groups = [(near, "at most"), (far, "more than")];
+    for (error, how_far) in groups.into_iter().filter(|(error, _)| 0 < error.poses && error.poses < all.poses)
+    {
+        text += &format!(
+            "held out, {how_far} {:.1}° from the nearest fitted pose: {} poses, {}\n",
+            held.near.to_degrees(),
+            error.poses,
+            of(error)
+        );
+    }
+    text
+}

@@ -1,0 +1,107 @@
+//! `lobelia fit --pool INDEX.png`: one BRDF a region.
+
+use std::path::Path;
+use std::time::Instant;
+
+use super::{
+    DeviceName, FitArgs, FitOutcome, albedos_in_words, held_out, output, print, sampled_outcome,
+    ties_in_words, write_map,
+};
+use crate::edit::palette;
+use crate::error::Result;
+use crate::fit::held_out::HeldOut;
+use crate::fit::pool::regions::Regions;
+use crate::fit::pool::{self, PoolOptions, RegionReport};
+use crate::fit::{Device, FitOptions};
+use crate::sampled::SampledStore;
+
+/// Regions that are told one by one on the terminal; the report has all.
+const TOLD: usize = 24;
+
+/// A colour on the command line.
+pub(super) fn parse_colour(text: &str) -> std::result::Result<[u8; 3], String> {
+    let grey = text.parse::<u8>().ok().map(|grey| [grey; 3]);
+    grey.or_else(|| palette::parse_hex(text))
+        .ok_or_else(|| "must be a colour such as #a0b1c2 or a grey value from 0 to 255".into())
+}
+
+/// Fits the regions, writes the map and tells what came of each.
+///
+/// # Errors
+/// As [`pool::fit_store`] and [`Regions::read`]; when the map cannot be written.
+pub(super) fn fit(
+    args: &FitArgs,
+    store: &SampledStore,
+    options: &FitOptions,
+    index: &Path,
+    held: Option<&HeldOut>,
+    seed: u64,
+) -> Result<FitOutcome> {
+    let output = output(args)?;
+    let device = if args.device == DeviceName::Gpu { Device::Gpu } else { Device::Cpu };
+    let options = FitOptions { device, ..*options };
+    let rho_d = args.pool_rho_d.into();
+    let pooling = PoolOptions { rho_d, most_samples: args.pool_samples, seed };
+    pool::check(&options, &pooling)?;
+    let regions = Regions::read(index, [store.width, store.height], args.pool_outside)?;
+    let start = Instant::now();
+    let mut pooled = pool::fit_store(store, &regions, &options, &pooling)?;
+    let seconds = start.elapsed().as_secs_f64();
+    held.iter().for_each(|held| held.note(&mut pooled.map));
+    pooled.map.attributes.extend(args.made.clone());
+    write_map(&pooled.map, output)?;
+    let mut outcome = sampled_outcome(&pooled.map, seconds);
+    let outside = regions.of.iter().filter(|region| region.is_none()).count();
+    outcome.figures.insert("texels_outside_regions".into(), outside.into());
+    outcome.figures.insert("regions".into(), pooled.regions.iter().map(as_json).collect());
+    let held_out = held_out::judge(held, store, &pooled.map, &mut outcome)?;
+    print(&format!(
+        "{} texels × {} poses in {} {}, a ρ_d a {}: {seconds:.1} s\n{}{}",
+        regions.of.len() - outside,
+        store.poses.len(),
+        pooled.regions.len(),
+        if pooled.regions.len() == 1 { "region" } else { "regions" },
+        pooling.rho_d.name(),
+        regions_in_words(&pooled.regions),
+        outcome.residuals() + &held_out + &albedos_in_words(&pooled.map) + &ties_in_words(&pooled.map)
+    ))?;
+    Ok(outcome)
+}
+
+fn as_json(region: &RegionReport) -> serde_json::Value {
+    serde_json::json!({
+        "region": region.name,
+        "texels": region.texels,
+        "samples": region.samples,
+        "samples_fitted": region.fitted,
+        "lobes": region.lobes,
+        "rms_per_sr": region.rms,
+        "rms_relative": region.relative,
+        "texels_bounded": region.bounded,
+    })
+}
+
+/// A line a region.
+fn regions_in_words(regions: &[RegionReport]) -> String {
+    let line = |region: &RegionReport| {
+        let of = if region.fitted < region.samples {
+            format!("{} of {} samples", region.fitted, region.samples)
+        } else {
+            format!("{} samples", region.samples)
+        };
+        format!(
+            "region {}: {} texels, {of}, {} {}, RMS {:.3e} 1/sr, {:.2} % of the samples'\n",
+            region.name,
+            region.texels,
+            region.lobes,
+            if region.lobes == 1 { "lobe" } else { "lobes" },
+            region.rms,
+            100.0 * region.relative
+        )
+    };
+    let mut text: String = regions.iter().take(TOLD).map(line).collect();
+    if regions.len() > TOLD {
+        text += &format!("and {} regions more, which --report tells\n", regions.len() - TOLD);
+    }
+    text
+}

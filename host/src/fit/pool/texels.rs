@@ -1,0 +1,118 @@
+//! A texel of a region: its ρ_d, if that is its own, and its errors.
+
+use glam::DVec3;
+
+use super::super::samples::Sample;
+use super::super::separable::uncertainty::Sigma;
+use super::super::texel::TexelFit;
+use super::super::{FitOptions, Residual};
+use super::RhoD;
+use super::region::RegionFit;
+use crate::reflectance::{Brdf, LobeBrdf, Rgb, colour};
+
+/// Sums over the texels of a region.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct Totals {
+    pub texels: usize,
+    pub samples: usize,
+    pub bounded: usize,
+    /// Squares of the residuals and of the samples, over channels, sr⁻².
+    pub error: f64,
+    pub whole: f64,
+}
+
+impl Totals {
+    /// Adds those of other texels.
+    pub(super) fn add(&mut self, other: Self) {
+        self.texels += other.texels;
+        self.samples += other.samples;
+        self.bounded += other.bounded;
+        self.error += other.error;
+        self.whole += other.whole;
+    }
+}
+
+/// ρ_d of one texel.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Level {
+    /// The weighted mean that the lobes leave a channel, at least 0, sr⁻¹.
+    pub rho_d: [f64; 3],
+    /// The sum of weights a channel.
+    pub weight: [f64; 3],
+}
+
+impl Level {
+    /// ρ_d where it may be at most `room`.
+    pub(super) fn held(&self, room: Option<Rgb>) -> Rgb {
+        let free = DVec3::from_array(self.rho_d).as_vec3();
+        room.map_or(free, |room| free.min(room))
+    }
+}
+
+/// What a sample's squared residual weighs in a channel, as in the separable fit.
+pub(super) fn weight(sample: &Sample, channel: usize, options: &FitOptions) -> f64 {
+    let measured =
+        if options.separate_channels { sample.rgb[channel] } else { colour::luminance(sample.rgb) };
+    let cosine = if options.residual == Residual::CosineWeighted { f64::from(sample.wo.z) } else { 1.0 };
+    sample.weight * (cosine * options.residual.own_weight(f64::from(measured))).powi(2)
+}
+
+/// The fitted value less the measured one, a channel, sr⁻¹.
+pub(super) fn off(brdf: &LobeBrdf, sample: &Sample) -> DVec3 {
+    (brdf.eval(sample.wi, sample.wo) - sample.rgb).as_dvec3()
+}
+
+/// The ρ_d of a texel beside lobes without one; none without samples.
+pub(super) fn level(samples: &[Sample], lobes: &LobeBrdf, options: &FitOptions) -> Option<Level> {
+    let (mut sums, mut weights) = ([0.0; 3], [0.0; 3]);
+    for sample in samples {
+        let left = -off(lobes, sample);
+        for channel in 0..3 {
+            let weight = weight(sample, channel, options);
+            sums[channel] += weight * left[channel];
+            weights[channel] += weight;
+        }
+    }
+    let rho_d = std::array::from_fn(|channel| (sums[channel] / weights[channel]).max(0.0));
+    weights.iter().all(|&weight| weight > 0.0).then_some(Level { rho_d, weight: weights })
+}
+
+/// The fit of a texel of a region, of which the sums become part of the region's.
+pub(super) fn fit(
+    samples: &[Sample],
+    region: &RegionFit,
+    options: &FitOptions,
+    rho_d: RhoD,
+    totals: &mut Totals,
+) -> TexelFit {
+    let mut fit = TexelFit { samples: samples.len(), ..region.fit.clone() };
+    let mut free = None;
+    if rho_d == RhoD::Texel {
+        let level = level(samples, &fit.brdf, options);
+        let unbound = level.map_or(region.typical, |level| level.held(None));
+        fit.brdf.rho_d = level.map_or(region.typical, |level| level.held(region.room));
+        free = (fit.brdf.rho_d != unbound).then(|| LobeBrdf { rho_d: unbound, ..fit.brdf.clone() });
+        let sigma = fit.sigma.get_or_insert_with(Sigma::default);
+        let deviation = |channel: usize| {
+            level.map_or(0.0, |level| (region.variance[channel] / level.weight[channel]).sqrt())
+        };
+        sigma.rho_d = std::array::from_fn(deviation);
+    }
+    let (error, whole) = squares(&fit.brdf, samples);
+    let share = |error: f64| if whole > 0.0 { (error / whole).sqrt() } else { 0.0 };
+    fit.rms = (error / (3 * samples.len()).max(1) as f64).sqrt();
+    fit.relative = share(error);
+    if let Some(free) = free {
+        let price = (fit.relative - share(squares(&free, samples).0)).max(0.0);
+        fit.bound_price = Some(fit.bound_price.unwrap_or(0.0) + price);
+    }
+    let bounded = usize::from(fit.bound_price.is_some());
+    totals.add(Totals { texels: 1, samples: samples.len(), bounded, error, whole });
+    fit
+}
+
+/// Sums over samples and channels of the squares of the residuals and of the values, sr⁻².
+fn squares(brdf: &LobeBrdf, samples: &[Sample]) -> (f64, f64) {
+    let sum = |of: &dyn Fn(&Sample) -> f64| samples.iter().map(of).sum();
+    (sum(&|sample| off(brdf, sample).length_squared()), sum(&|sample| sample.rgb.as_dvec3().length_squared()))
+}
