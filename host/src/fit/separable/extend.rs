@@ -11,9 +11,9 @@ use super::super::lm::Limits;
 use super::super::model::Model;
 use super::bank::Bank;
 use super::choice;
+use super::search::Search;
 use super::shape::Family;
 use super::solver::Solver;
-use super::search::Search;
 use super::start::{self, Effort, Found, Known, Task};
 
 /// Widths from which a microfacet term is optimised.

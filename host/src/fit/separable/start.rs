@@ -30,7 +30,13 @@ impl Effort {
     /// more, sets of shapes compete that look alike for the first few steps.
     pub fn texel(lobes: usize) -> Self {
         if lobes <= 2 {
-            return Self { tries: 3, ridge: 1, steps: 3, beam: 2, limits: Limits { iterations: 40, tolerance: 1e-5 } };
+            return Self {
+                tries: 3,
+                ridge: 1,
+                steps: 3,
+                beam: 2,
+                limits: Limits { iterations: 40, tolerance: 1e-5 },
+            };
         }
         Self { tries: 6, ridge: 3, steps: 6, beam: 3, limits: Limits { iterations: 60, tolerance: 1e-6 } }
     }
