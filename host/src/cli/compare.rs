@@ -47,6 +47,7 @@ pub(super) fn run(args: &CompareArgs, context: &mut Context) -> Result<()> {
     }
     files::try_folder(&args.output)?;
     context.report.input(&args.run.join(journal::FILE_NAME));
+    args.measured_in.iter().for_each(|run| context.report.input(&run.join(journal::FILE_NAME)));
     context.report.input(&args.material);
     let map = SbrdfMap::read_exr(&args.material).map_err(|error| Error::reading(&args.material, error))?;
     let measured_in = args.measured_in.as_deref();
