@@ -5,6 +5,7 @@
 //! `rig` ← `plan` ← `acquire` ← `develop` ← `fit` ← `render` ← `cli`.
 
 pub mod acquire;
+pub mod by_angle;
 pub mod chart;
 pub mod cli;
 pub mod compare;

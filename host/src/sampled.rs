@@ -68,6 +68,27 @@ impl SampledSbrdf {
         self.width * self.height
     }
 
+    /// A copy of some columns and rows, at the same place on the sample.
+    ///
+    /// # Panics
+    /// When the window reaches beyond the texels.
+    pub fn part(&self, window: &Window) -> Self {
+        let indices = || window.indices(self.width);
+        let sigma = self
+            .sigma
+            .is_some()
+            .then(|| indices().filter_map(|k| self.sigmas(k)).flatten().copied().collect());
+        Self {
+            width: window.x.len(),
+            height: window.y.len(),
+            offset_texels: self.offset_texels + window.offset([self.width, self.height]),
+            poses: self.poses.clone(),
+            reflectance: indices().flat_map(|k| self.values(k)).copied().collect(),
+            sigma,
+            ..*self
+        }
+    }
+
     /// Centre of texel `index` (row · width + column) in the sample's frame, mm.
     pub fn position_mm(&self, index: usize) -> DVec3 {
         let centred = texel_position_mm(self.width, self.height, 1.0, index);
@@ -115,5 +136,21 @@ mod tests {
         let first = texel_position_mm(4, 2, 0.5, 0);
         assert_eq!(first, DVec3::new(-0.75, 0.25, 0.0));
         assert_eq!(texel_position_mm(4, 2, 0.5, 7), -first);
+    }
+
+    #[test]
+    fn a_part_has_the_samples_places_and_deviations_of_the_whole() {
+        let pose = PoseGeometry { light_mm: DVec3::Z, camera_mm: DVec3::Z, weight: 1.0 };
+        let mut whole = SampledSbrdf::empty(5, 4, 0.5, vec![pose; 2]);
+        whole.reflectance = (0..120).map(|k| k as f32).collect();
+        whole.sigma = Some((0..120).map(|k| f16::from_f32(k as f32)).collect());
+        let window = Window { x: 1..4, y: 2..4 };
+        let part = whole.part(&window);
+        assert_eq!((part.width, part.height, part.texels()), (3, 2, window.texels()));
+        for (own, index) in window.indices(5).enumerate() {
+            assert_eq!(part.position_mm(own), whole.position_mm(index));
+            assert_eq!(part.values(own), whole.values(index));
+            assert_eq!(part.sigmas(own), whole.sigmas(index));
+        }
     }
 }

@@ -61,6 +61,24 @@ fn the_small_demo_meets_its_bounds() {
     let lobes = [("method", Value::from("separable")), ("lobes", Value::from(2))];
     let reflectance = error_value(&report, "relative_rms_reflectance", &lobes);
     assert!(reflectance < 0.06, "two lobes are off by {reflectance}");
+    // One lobe by any method is off by more; every percentile is there, over all texels and over each material's.
+    for (method, lobes) in
+        [("line-search", 1), ("line-search-scaled", 1), ("lm", 1), ("separable", 1), ("lm", 2)]
+    {
+        let on = |material: Value, percentile: u32| {
+            let on =
+                [("method", Value::from(method)), ("lobes", lobes.into()), ("percentile", percentile.into())];
+            error_value(&report, "relative_rms_reflectance", &[&on[..], &[("material", material)]].concat())
+        };
+        let all = [50, 95, 99, 100].map(|percentile| on("all".into(), percentile));
+        assert!(all.is_sorted() && (lobes == 2 || all[0] > 2.0 * reflectance), "{method}, {lobes}: {all:?}");
+        assert!((0..4).all(|material| on(material.into(), 50) <= all[3]));
+    }
+    let by_angle = |cone: &str, theta_deg: &str| {
+        let on = [("cone", cone.into()), ("theta_deg", theta_deg.into()), ("percentile", 50.into())];
+        error_value(&report, "relative_rms_by_angle", &[&lobes[..], &on].concat())
+    };
+    assert!(by_angle("inside", "30-60") < by_angle("outside", "75-90"));
 
     for file in [
         "run/journal.jsonl",
@@ -199,6 +217,22 @@ fn renderings_of_the_true_map_are_the_photographs_and_those_of_another_map_are_n
 
     let page = fs::read_to_string(folder.path().join("pages/compare.html")).unwrap();
     assert_eq!(page.matches("data:image/png").count(), 9);
+    // A run's own photographs are all inside the cone of its poses.
+    let by_angle = |cone: &str| {
+        let report = report(&folder.path().join("compare.json"));
+        let errors = report["errors"].as_array().unwrap().clone();
+        errors
+            .iter()
+            .filter(|error| error["cone"] == cone)
+            .filter_map(|error| error["value"].as_f64())
+            .collect::<Vec<_>>()
+    };
+    assert!(page.contains("No photograph was taken outside") && by_angle("outside").is_empty());
+    assert!(
+        by_angle("inside").iter().all(|&error| error > 0.1),
+        "rho_d is off by half: {:?}",
+        by_angle("inside")
+    );
 
     rig.carrier.cylinder_radius_mm = Some(30.0);
     acquire("bent", 3, &rig);
@@ -211,6 +245,11 @@ fn renderings_of_the_true_map_are_the_photographs_and_those_of_another_map_are_n
     assert!(relative < 0.1 && psnr > 50.0 && delta_e < 0.5, "{relative} {psnr} {delta_e}");
     let [_, psnr, delta_e] = compared("bent", "other.exr", 0.18);
     assert!(psnr < 32.0 && delta_e > 3.0, "{psnr} {delta_e}");
+    assert!(!by_angle("unknown").is_empty(), "the bent run does not tell what the map was fitted from");
+    let bent =
+        ["compare", "bent", "true.exr", "-o", "pages", "--report", "compare.json", "--measured-in", "run"];
+    succeed(folder.path(), &bent);
+    assert!(by_angle("unknown").is_empty() && !by_angle("inside").is_empty());
     let error = develop::run(&folder.path().join("bent")).err().unwrap();
     assert!(error.exit_code() == 2 && error.to_string().contains("cylinder"), "{error}");
 }

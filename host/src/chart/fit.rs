@@ -146,18 +146,21 @@ pub(super) fn unposed(seed: u64) -> Vec<(Vec3, Vec3)> {
         .collect()
 }
 
+/// ‖f̂ − f‖ / ‖f‖ of a texel over pairs of directions and the channels.
+pub(super) fn relative_error(map: &SbrdfMap, texel: usize, truth: &impl Brdf, pairs: &[(Vec3, Vec3)]) -> f64 {
+    let (mut off, mut all) = (0.0f64, 0.0f64);
+    for &(wi, wo) in pairs {
+        let f = truth.eval(wi, wo);
+        off += f64::from((map.eval(texel, wi, wo) - f).length_squared());
+        all += f64::from(f.length_squared());
+    }
+    (off / all).sqrt()
+}
+
 /// Relative errors of the texels on unposed directions, sorted.
 pub(super) fn errors(map: &SbrdfMap, truth: &[LobeBrdf], seed: u64) -> Vec<f64> {
     let pairs = unposed(seed);
-    let error = |(index, truth): (usize, &LobeBrdf)| {
-        let (mut off, mut all) = (0.0f64, 0.0f64);
-        for &(wi, wo) in &pairs {
-            let f = truth.eval(wi, wo);
-            off += f64::from((map.eval(index, wi, wo) - f).length_squared());
-            all += f64::from(f.length_squared());
-        }
-        (off / all).sqrt()
-    };
+    let error = |(index, truth): (usize, &LobeBrdf)| relative_error(map, index, truth, &pairs);
     let mut errors: Vec<f64> = truth.iter().enumerate().map(error).collect();
     errors.sort_by(f64::total_cmp);
     errors

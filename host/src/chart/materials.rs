@@ -3,10 +3,11 @@
 use std::path::Path;
 use std::time::Instant;
 
+use super::compared::{COMPARED, Compared};
 use super::{Axis, Cell, Chart, Plot, Section, Series, Table};
 use crate::acquire::recipe::Recipe;
 use crate::error::{Error, Result};
-use crate::fit::{self, FitOptions, MOST_LOBES, Method, Residual};
+use crate::fit::{self, FitOptions, Residual};
 use crate::page::numbers;
 use crate::progress;
 use crate::reflectance::{Brdf, SbrdfMap};
@@ -31,73 +32,29 @@ struct Material {
     poses: usize,
 }
 
+/// A material by its name in the table, that of its recipe's file, its texels and poses.
+macro_rules! material {
+    ($name:literal, $file:literal, $size:expr, $poses:literal) => {
+        Material {
+            name: $name,
+            recipe: include_str!(concat!("../../../examples/materials/", $file, ".toml")),
+            size: $size,
+            poses: $poses,
+        }
+    };
+}
+
 /// In the order of the table.
 const MATERIALS: [Material; 9] = [
-    Material {
-        name: "blue fabric",
-        recipe: include_str!("../../../examples/materials/blue-fabric.toml"),
-        size: [48, 48],
-        poses: 150,
-    },
-    Material {
-        name: "gift wrap",
-        recipe: include_str!("../../../examples/materials/gift-wrap.toml"),
-        size: [32, 32],
-        poses: 120,
-    },
-    Material {
-        name: "gold fabric",
-        recipe: include_str!("../../../examples/materials/gold-fabric.toml"),
-        size: [48, 48],
-        poses: 300,
-    },
-    Material {
-        name: "gold paper (with its mirror)",
-        recipe: include_str!("../../../examples/materials/gold-paper.toml"),
-        size: [48, 48],
-        poses: 140,
-    },
-    Material {
-        name: "long leaf",
-        recipe: include_str!("../../../examples/materials/long-leaf.toml"),
-        size: [96, 24],
-        poses: 120,
-    },
-    Material {
-        name: "test pattern",
-        recipe: include_str!("../../../examples/materials/test-pattern.toml"),
-        size: [64, 32],
-        poses: 280,
-    },
-    Material {
-        name: "tan fabric",
-        recipe: include_str!("../../../examples/materials/tan-fabric.toml"),
-        size: [48, 48],
-        poses: 130,
-    },
-    Material {
-        name: "wall paper",
-        recipe: include_str!("../../../examples/materials/wall-paper.toml"),
-        size: [48, 48],
-        poses: 130,
-    },
-    Material {
-        name: "white fabric",
-        recipe: include_str!("../../../examples/materials/white-fabric.toml"),
-        size: [32, 32],
-        poses: 600,
-    },
-];
-
-/// The fits that are compared: method, lobes, whether their number is a choice, name.
-const FITS: [(Method, usize, bool, &str); 7] = [
-    (Method::LineSearch, 1, false, "line search"),
-    (Method::LineSearchScaled, 1, false, "line search, scaled"),
-    (Method::Lm, 1, false, "LM, 1 lobe"),
-    (Method::Lm, 2, false, "LM, 2 lobes"),
-    (Method::Separable, 1, false, "separable, 1 lobe"),
-    (Method::Separable, 2, false, "separable, 2 lobes"),
-    (Method::Separable, MOST_LOBES, true, "separable, auto"),
+    material!("blue fabric", "blue-fabric", [48, 48], 150),
+    material!("gift wrap", "gift-wrap", [32, 32], 120),
+    material!("gold fabric", "gold-fabric", [48, 48], 300),
+    material!("gold paper (with its mirror)", "gold-paper", [48, 48], 140),
+    material!("long leaf", "long-leaf", [96, 24], 120),
+    material!("test pattern", "test-pattern", [64, 32], 280),
+    material!("tan fabric", "tan-fabric", [48, 48], 130),
+    material!("wall paper", "wall-paper", [48, 48], 130),
+    material!("white fabric", "white-fabric", [32, 32], 600),
 ];
 
 /// One fit of one material.
@@ -117,7 +74,7 @@ struct Found {
 /// # Errors
 /// When no thread can be started or the disk has no room to measure the files' sizes.
 pub fn chart(seed: u64) -> Result<Chart> {
-    let bar = progress::bar("materials", (MATERIALS.len() * FITS.len()) as u64, "fits");
+    let bar = progress::bar("materials", (MATERIALS.len() * COMPARED.len()) as u64, "fits");
     let mut short = Table::new([
         "material",
         "poses",
@@ -133,7 +90,6 @@ pub fn chart(seed: u64) -> Result<Chart> {
     ]);
     let mut long = Table::new([
         "material",
-        "sampled, MB",
         "method",
         "s",
         "mean RMS, 1/sr",
@@ -141,7 +97,7 @@ pub fn chart(seed: u64) -> Result<Chart> {
         "median error, unposed directions, %",
         "map, MB",
     ]);
-    let mut points: Vec<(Vec<[f64; 2]>, Vec<String>)> = vec![Default::default(); FITS.len()];
+    let mut points: Vec<(Vec<[f64; 2]>, Vec<String>)> = vec![Default::default(); COMPARED.len()];
     for material in &MATERIALS {
         let (sampled_mb, found) = judged(material, seed, || bar.advance(1))?;
         let [width, height] = material.size;
@@ -153,12 +109,13 @@ pub fn chart(seed: u64) -> Result<Chart> {
         ];
         row.extend(found.iter().map(in_short));
         short.rows.push(row);
-        for ((&(_, _, _, name), found), (points, labels)) in FITS.iter().zip(&found).zip(&mut points) {
+        for ((&Compared { name, .. }, found), (points, labels)) in
+            COMPARED.iter().zip(&found).zip(&mut points)
+        {
             points.push([found.time_s * 1e9 / (width * height * material.poses) as f64, found.rms[0]]);
             labels.push(format!("{name}: {}", material.name));
             long.row([
                 material.name.into(),
-                sampled_mb.into(),
                 name.into(),
                 found.time_s.into(),
                 found.rms[0].into(),
@@ -168,7 +125,7 @@ pub fn chart(seed: u64) -> Result<Chart> {
             ]);
         }
     }
-    let series = FITS.iter().zip(points);
+    let series = COMPARED.iter().zip(points);
     let section = Section {
         title: "Nine materials".into(),
         text: format!(
@@ -181,7 +138,7 @@ pub fn chart(seed: u64) -> Result<Chart> {
             x: Axis::log("ns a sample"),
             y: Axis::log("mean RMS, 1/sr"),
             series: series
-                .map(|(&(_, _, _, name), (points, labels))| Series::scattered(name, points, labels))
+                .map(|(compared, (points, labels))| Series::scattered(compared.name, points, labels))
                 .collect(),
         }],
         tables: vec![short, long],
@@ -213,15 +170,8 @@ fn judged(material: &Material, seed: u64, done: impl Fn()) -> Result<(f64, Vec<F
     let sampled = layout.sampled(seed);
     let store = folder.path().join("sampled.zarr");
     sampled.write_zarr(&store)?;
-    let fit = |&(method, lobes, choose, _): &(Method, usize, bool, &str)| {
-        let options = FitOptions {
-            method,
-            lobes,
-            choose,
-            isotropic: false,
-            residual: Residual::Linear,
-            ..FitOptions::default()
-        };
+    let fit = |compared: &Compared| {
+        let options = FitOptions { isotropic: false, residual: Residual::Linear, ..compared.options() };
         let start = Instant::now();
         let map = pool.install(|| fit::fit_sbrdf(&sampled, &options))?;
         let time_s = start.elapsed().as_secs_f64();
@@ -238,7 +188,7 @@ fn judged(material: &Material, seed: u64, done: impl Fn()) -> Result<(f64, Vec<F
             map_mb: size_mb(&path)?,
         })
     };
-    let found = FITS.iter().map(fit).collect::<Result<Vec<_>>>()?;
+    let found = COMPARED.iter().map(fit).collect::<Result<Vec<_>>>()?;
     Ok((size_mb(&store)?, found))
 }
 
@@ -279,14 +229,7 @@ impl<'a> Laid<'a> {
         let pairs = super::fit::unposed(seed);
         let of = |texel: usize| {
             let place = sampled.position_mm(texel);
-            let truth = self.layout.at(place.x, place.y);
-            let (mut off, mut all) = (0.0f64, 0.0f64);
-            for &(wi, wo) in &pairs {
-                let f = truth.eval(wi, wo);
-                off += f64::from((map.eval(texel, wi, wo) - f).length_squared());
-                all += f64::from(f.length_squared());
-            }
-            (off / all).sqrt()
+            super::fit::relative_error(map, texel, self.layout.at(place.x, place.y), &pairs)
         };
         let mut errors: Vec<f64> = (0..sampled.texels()).map(of).collect();
         errors.sort_by(f64::total_cmp);

@@ -1,6 +1,6 @@
 //! Charts: plots and tables of what a method costs against how right it is, as HTML, SVG and JSON.
 //!
-//! Whoever measures fills a [`Chart`] with plots, tables pictures and sentences; [`Chart::write`] makes one page of it, every plot
+//! Whoever measures fills a [`Chart`] with plots, tables, pictures and sentences; [`Chart::write`] makes one page of it, every plot
 //! also as an SVG file of its own, and every number once more as JSON.
 
 use std::path::{Path, PathBuf};
@@ -11,6 +11,7 @@ use crate::error::{Error, Result};
 use crate::files;
 use crate::page::{self, html};
 
+pub(crate) mod compared;
 mod device;
 pub mod environment;
 mod filtering;
@@ -121,7 +122,8 @@ impl Section {
             )
         };
         let pictures: String = self.pictures.iter().map(picture).collect();
-        let tables: String = self.tables.iter().map(Table::html).collect();
+        let table = |table: &Table| format!("<div class=\"scroll\">{}</div>\n", table.html());
+        let tables: String = self.tables.iter().map(table).collect();
         format!("<div class=\"{class}\">{plots}</div>\n<div class=\"three\">{pictures}</div>\n{tables}")
     }
 }

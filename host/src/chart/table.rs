@@ -92,7 +92,8 @@ impl Table {
         self.rows.iter().filter_map(|row| row.get(column)).all(|cell| !cell.is_text())
     }
 
-    pub(super) fn html(&self) -> String {
+    /// The table as HTML.
+    pub(crate) fn html(&self) -> String {
         let class = |column| if self.numeric(column) { " class=\"number\"" } else { "" };
         let line = |tag: &str, texts: Vec<String>| {
             let cells = texts

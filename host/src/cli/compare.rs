@@ -6,7 +6,8 @@ use clap::Args;
 
 use super::Context;
 use crate::acquire::journal;
-use crate::compare;
+use crate::by_angle::Side;
+use crate::compare::{self, Comparison};
 use crate::error::{Error, Result};
 use crate::files;
 use crate::fit::figures::ErrorFigure;
@@ -26,6 +27,10 @@ pub(super) struct CompareArgs {
     /// A pose of the plan, from 0; may be given more than once [default: all]
     #[arg(long)]
     pose: Vec<usize>,
+    /// The run that the map was fitted from, by whose poses errors are told inside and outside of what was measured [default: RUN
+    /// itself, where the sample lies flat in it]
+    #[arg(long, value_name = "RUN")]
+    measured_in: Option<PathBuf>,
     /// Folder for compare.html and compare.json
     #[arg(short, long, default_value = "compare")]
     output: PathBuf,
@@ -42,9 +47,13 @@ pub(super) fn run(args: &CompareArgs, context: &mut Context) -> Result<()> {
     }
     files::try_folder(&args.output)?;
     context.report.input(&args.run.join(journal::FILE_NAME));
+    args.measured_in.iter().for_each(|run| context.report.input(&run.join(journal::FILE_NAME)));
     context.report.input(&args.material);
     let map = SbrdfMap::read_exr(&args.material).map_err(|error| Error::reading(&args.material, error))?;
-    let (compared, chart) = context.report.stage("compare", || compare::run(&args.run, &map, &args.pose))?;
+    let measured_in = args.measured_in.as_deref();
+    let (comparison, chart) =
+        context.report.stage("compare", || compare::run(&args.run, &map, &args.pose, measured_in))?;
+    let compared = &comparison.poses;
     let page = chart.write(&args.output)?;
     let median = |value: fn(&compare::Difference) -> f64| {
         let mut values: Vec<f64> = compared.iter().map(|pose| value(&pose.difference)).collect();
@@ -62,11 +71,37 @@ pub(super) fn run(args: &CompareArgs, context: &mut Context) -> Result<()> {
     ] {
         context.report.errors.push(ErrorFigure::new(name, value, unit, over.clone()));
     }
+    let photographs = format!("{} photographs", compared.len());
+    context.report.errors.extend(comparison.by_angle.figures(&photographs));
     println!(
         "{}: {} poses, median PSNR {psnr_db:.1} dB, mean ΔE {delta_e:.2}, relative RMS {:.2} %",
         page.display(),
         compared.len(),
         100.0 * relative
     );
+    by_angle(&comparison);
     Ok(())
+}
+
+/// One line a side of the cone's rim, and one where nothing is known.
+fn by_angle(comparison: &Comparison) {
+    for side in [Side::Inside, Side::Outside, Side::Unknown] {
+        if let Some(row) = comparison.by_angle.side(side) {
+            let [median, most, nearly_all, worst] = row.errors.map(|error| 100.0 * error);
+            let what = match side {
+                Side::Inside => "inside the measured cone",
+                Side::Outside => "outside the measured cone",
+                Side::Unknown => {
+                    "inside or outside of what was measured (--measured-in RUN tells them apart)"
+                }
+            };
+            println!(
+                "reflectance {what}: off by {median:.2} % in median over {} texels, 95 % below {most:.2} %, 99 % below {nearly_all:.2} %, worst {worst:.2} %",
+                row.texels
+            );
+        }
+    }
+    if comparison.cone.is_some() && comparison.by_angle.side(Side::Outside).is_none() {
+        println!("reflectance outside the measured cone: not known, no photograph was taken there");
+    }
 }

@@ -5,9 +5,12 @@ use std::path::{Path, PathBuf};
 use clap::Args;
 
 use super::Context;
-use crate::demo::{self, DemoOutcome, FitOutcome, Settings, Size, page, pictures, truth};
+use crate::by_angle::{PERCENTILES, Row, Side};
+use crate::demo::fits::FitOutcome;
+use crate::demo::{self, DemoOutcome, Settings, Size, page, pictures, truth};
 use crate::error::{Error, Result};
 use crate::files;
+use crate::page::scale::quantile;
 use crate::report::Report;
 
 /// Arguments of `lobelia demo`.
@@ -53,9 +56,13 @@ pub(super) fn run(args: &DemoArgs, context: &mut Context) -> Result<()> {
     files::try_folder(&args.out)?;
     clear(&args.out)?;
     let outcome = demo::run(&args.out, &settings, &mut context.report)?;
-    let result = outcome.fits.last().ok_or_else(|| Error::failure("the demo made no fit"))?;
-    let (pictures, no_gpu) =
-        pictures::render(&result.map, args.size.picture(), &args.out, seed, &mut context.report)?;
+    let (pictures, no_gpu) = pictures::render(
+        &outcome.fits.result.map,
+        args.size.picture(),
+        &args.out,
+        seed,
+        &mut context.report,
+    )?;
     context.report.finish();
     let page = args.out.join("report.html");
     page::write(&outcome, &context.report, &pictures, &page)?;
@@ -86,23 +93,58 @@ fn print(outcome: &DemoOutcome, report: &Report) {
     for error in report.errors.iter().filter(|error| error.name == "registration_rms") {
         println!("registration: {:.3} texel RMS over {}", error.value, error.over);
     }
+    let fits = &outcome.fits;
     println!(
-        "reflectance on unposed direction pairs, relative RMS error, median over texels (and over each material's):"
+        "reflectance, relative RMS error on {} unposed direction pairs, {} texels: median, 95 %, worst (medians by material):",
+        truth::PAIRS,
+        fits.window.texels()
     );
-    for fit in &outcome.fits {
-        let error = 100.0 * truth::median(&fit.errors);
-        println!("{error:>8.2} %  {}{}", page::fit_name(fit), of_materials(outcome, fit));
+    for (_, fit) in fits.compared() {
+        let errors = fit.errors_in(&fits.window);
+        let [median, most, worst] = [0.5, 0.95, 1.0].map(|share| percent(quantile(&errors, share)));
+        println!("{median:>9} {most:>9} {worst:>9}  {}{}", page::fit_name(fit), of_materials(outcome, fit));
     }
+    let result = &fits.result;
+    println!(
+        "the result over all {} texels, by the directions at which it is asked: {}",
+        result.errors.len(),
+        PERCENTILES.map(title).join(", ")
+    );
+    for (side, what) in [
+        (
+            Side::Inside,
+            format!("inside the measured cone, within {:.1}° of a pose", outcome.cone.spacing_deg()),
+        ),
+        (Side::Outside, "outside, where nothing was measured".into()),
+    ] {
+        if let Some(Row { errors, .. }) = result.by_angle.side(side) {
+            let [median, most, nearly_all, worst] = errors.map(percent);
+            println!("{median:>9} {most:>9} {nearly_all:>9} {worst:>9}  {what}");
+        }
+    }
+}
+
+/// What a percentile is called.
+fn title(percentile: u8) -> String {
+    match percentile {
+        50 => "median".into(),
+        100 => "worst".into(),
+        other => format!("{other} %"),
+    }
+}
+
+fn percent(error: f64) -> String {
+    format!("{:.2} %", 100.0 * error)
 }
 
 /// The median error of every material's texels, in brackets; nothing for a sample of one material.
 fn of_materials(outcome: &DemoOutcome, fit: &FitOutcome) -> String {
-    let medians = outcome.medians_by_material(fit);
-    if medians.len() < 2 {
+    let errors = fit.errors_by_material(&outcome.fits.window);
+    if errors.len() < 2 {
         return String::new();
     }
-    let percent = medians.iter().map(|median| format!("{:.2}", 100.0 * median));
-    format!(" ({})", percent.collect::<Vec<_>>().join(", "))
+    let medians = errors.iter().map(|errors| format!("{:.2}", 100.0 * quantile(errors, 0.5)));
+    format!(" ({})", medians.collect::<Vec<_>>().join(", "))
 }
 
 /// The file by which a folder is known to be a demo's, whose run may be replaced.

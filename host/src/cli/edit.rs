@@ -230,16 +230,22 @@ fn run_cluster(args: &ClusterArgs, context: &mut Context) -> Result<()> {
     let entries = palette::with_swatches(clusters.palette);
     files::write_bytes(&args.output, palette::to_toml(&entries, &notes).as_bytes())?;
     palette::write_index(&args.index, map.width, map.height, &clusters.index, &entries)?;
-    let figure = ErrorFigure::new("palette_relative_l2", clusters.relative, "1", format!("{whole} texels"));
-    context.report.errors.push(figure.with("brdfs", entries.len()));
+    for (name, error) in [
+        ("palette_relative_l2", clusters.relative),
+        ("palette_of_texels_relative_l2", clusters.relative_of_texels),
+    ] {
+        let figure = ErrorFigure::new(name, error, "1", format!("{whole} texels"));
+        context.report.errors.push(figure.with("brdfs", entries.len()));
+    }
     println!(
-        "{}: {} BRDFs; {}: {} × {} texels; reflectance off by {:.2} % (relative L2, weighted by cosθ_i cosθ_o)",
+        "{}: {} BRDFs; {}: {} × {} texels; reflectance off by {:.2} %, by the nearest texels in their place {:.2} % (relative L2, weighted by cosθ_i cosθ_o)",
         args.output.display(),
         entries.len(),
         args.index.display(),
         map.width,
         map.height,
-        100.0 * clusters.relative
+        100.0 * clusters.relative,
+        100.0 * clusters.relative_of_texels
     );
     Ok(())
 }

@@ -5,6 +5,8 @@
 //! same point under the same light, so that neither the lamp's colour nor its distance counts. The sample may lie flat, as
 //! it did when it was measured, or be bent over a cylinder.
 
+mod angles;
+mod page;
 mod surface;
 
 use std::f64::consts::PI;
@@ -16,7 +18,9 @@ use palette::color_difference::Ciede2000;
 use palette::{IntoColor, Lab, LinSrgb};
 use rayon::prelude::*;
 
-use crate::chart::{Axis, Chart, Picture, Plot, Section, Series, Table};
+use crate::acquire::RunFolder;
+use crate::by_angle::{ByAngle, Cone};
+use crate::chart::Chart;
 use crate::develop::radiance::{MosaicRadiance, bayer_channel};
 use crate::develop::registration::Registration;
 use crate::develop::resample::BayerPlanes;
@@ -30,6 +34,7 @@ use crate::reflectance::{Rgb, SbrdfMap, colour};
 use crate::rig::config::RigConfig;
 use crate::rig::geometry::{camera_position, pose_geometry};
 use crate::sampled::PoseGeometry;
+use angles::{Lattice, Seen};
 use surface::SurfacePoint;
 
 /// The colour difference at the bright end of the pictures of differences.
@@ -64,6 +69,22 @@ struct Pixel {
     rendered: Rgb,
 }
 
+/// A comparison of poses.
+pub struct Comparison {
+    /// The poses, in their order.
+    pub poses: Vec<ComparedPose>,
+    /// Errors of reflectance by the angles at each texel, over all the photographs compared.
+    pub by_angle: ByAngle,
+    /// The poses that the map was fitted from, where they are known.
+    pub cone: Option<Cone>,
+}
+
+/// The texel of the lattice that a pixel of the mosaic sees, and the irradiance of its channel there.
+struct Place {
+    texel: Option<u32>,
+    irradiance: f32,
+}
+
 /// A pose's two pictures at half the mosaic's size, cut to the sample's surroundings.
 struct Pictures {
     columns: usize,
@@ -72,34 +93,46 @@ struct Pictures {
     relative_rms: f64,
 }
 
+/// One pose, compared.
+struct Shot {
+    geometry: PoseGeometry,
+    pictures: Pictures,
+    seen: Vec<Seen>,
+}
+
 /// Compares the given poses, or all when none is given; poses that cannot be registered are left out. The result is in
-/// order of the poses.
+/// order of the poses. `cone` is that of the poses that the map was fitted from.
 ///
 /// # Errors
 /// Input errors: a map of another size than the rig's texels, a pose that isn't in the plan, damaged frames, or not one
 /// registered pose.
-pub fn poses(photographs: &Photographs, map: &SbrdfMap, wanted: &[usize]) -> Result<Vec<ComparedPose>> {
+pub fn poses(
+    photographs: &Photographs,
+    map: &SbrdfMap,
+    wanted: &[usize],
+    cone: Option<Cone>,
+) -> Result<Comparison> {
     check(photographs, map, wanted)?;
+    let lattice = Lattice::over(map, &photographs.run.rig.carrier);
     let all: Vec<usize> =
         if wanted.is_empty() { (0..photographs.poses()).collect() } else { wanted.to_vec() };
     let bar = progress::bar("comparing", all.len() as u64, "poses");
-    let compared: Vec<Option<ComparedPose>> = all
+    let compared: Vec<Option<(ComparedPose, Vec<Seen>)>> = all
         .into_par_iter()
         .map(|pose| {
-            let found = pictures(photographs, map, pose)?;
+            let found = shot(photographs, map, pose, (&lattice, cone.as_ref()))?;
             bar.advance(1);
-            Ok(found.map(|(geometry, pictures)| ComparedPose {
-                pose,
-                half_deg: half_deg(&geometry),
-                difference: pictures.difference(),
+            Ok(found.map(|Shot { geometry, pictures, seen }| {
+                let half_deg = half_deg(&geometry);
+                (ComparedPose { pose, half_deg, difference: pictures.difference() }, seen)
             }))
         })
         .collect::<Result<_>>()?;
-    let compared: Vec<ComparedPose> = compared.into_iter().flatten().collect();
-    if compared.is_empty() {
+    let (poses, seen): (Vec<ComparedPose>, Vec<Vec<Seen>>) = compared.into_iter().flatten().unzip();
+    if poses.is_empty() {
         return Err(Error::input("none of the poses could be registered"));
     }
-    Ok(compared)
+    Ok(Comparison { poses, by_angle: angles::together(lattice.len(), &seen), cone })
 }
 
 fn check(photographs: &Photographs, map: &SbrdfMap, wanted: &[usize]) -> Result<()> {
@@ -120,90 +153,13 @@ fn check(photographs: &Photographs, map: &SbrdfMap, wanted: &[usize]) -> Result<
     }
 }
 
-/// The chart of a comparison, with photograph, rendering and difference of the best, the median and the worst pose.
-///
-/// # Errors
-/// As [`poses`].
-pub fn chart(photographs: &Photographs, map: &SbrdfMap, compared: &[ComparedPose]) -> Result<Chart> {
-    let mut ranked: Vec<&ComparedPose> = compared.iter().collect();
-    ranked.sort_by(|a, b| b.difference.psnr_db.total_cmp(&a.difference.psnr_db));
-    let mut shown = vec![0, ranked.len() / 2, ranked.len() - 1];
-    shown.dedup();
-    let mut shots = Vec::new();
-    for &rank in &shown {
-        let pose = ranked[rank].pose;
-        if let Some((_, found)) = pictures(photographs, map, pose)? {
-            let psnr = ranked[rank].difference.psnr_db;
-            for (name, raster) in
-                ["photograph", "rendering", "difference, ΔE 0 to 10"].iter().zip(found.rasters())
-            {
-                let title = format!("Pose {pose}, {psnr:.1} dB: {name}");
-                shots.push(Picture { title, png: raster.png()? });
-            }
-        }
-    }
-    let mut table = Table::new(["pose", "half angle, °", "relative RMS", "PSNR, dB", "ΔE mean", "ΔE 95 %"]);
-    for ComparedPose { pose, half_deg, difference } in compared {
-        let [mean, most] = difference.delta_e;
-        table.row([
-            (*pose).into(),
-            (*half_deg).into(),
-            difference.relative_rms.into(),
-            difference.psnr_db.into(),
-            mean.into(),
-            most.into(),
-        ]);
-    }
-    let cylinder = photographs.run.rig.carrier.cylinder_radius_mm;
-    let points = |value: fn(&Difference) -> f64| {
-        let points = compared.iter().map(|pose| [pose.half_deg, value(&pose.difference)]).collect();
-        let labels = compared.iter().map(|pose| format!("pose {}", pose.pose)).collect();
-        vec![Series::scattered("poses", points, labels)]
-    };
-    let plot = |title: &str, y: Axis, value| Plot {
-        title: title.into(),
-        x: Axis::linear("angle between half vector and normal, °"),
-        y,
-        series: points(value),
-    };
-    let plots = vec![
-        plot("Peak signal-to-noise ratio by half angle", Axis::linear("PSNR, dB"), |d| d.psnr_db),
-        plot("Mean colour difference by half angle", Axis::linear("ΔE (CIEDE2000)"), |d| d.delta_e[0]),
-    ];
-    let section = Section {
-        title: "Photographs and renderings".into(),
-        text: format!(
-            "The poses with the best, the median and the worst PSNR. A perfect diffuser {} is white; what is brighter is clipped.",
-            if cylinder.is_some() { "that faces the light" } else { "under the same light" }
-        ),
-        pictures: shots,
-        ..Section::default()
-    };
-    let numbers = Section {
-        title: "By pose".into(),
-        text: "Relative RMS is of the linear radiance over the mosaic's pixels on the sample; PSNR and ΔE are of the pictures as shown above.".into(),
-        plots,
-        tables: vec![table],
-        ..Section::default()
-    };
-    Ok(Chart {
-        name: "compare".into(),
-        title: "Photographs against the fitted map".into(),
-        lead: format!(
-            "Each pose was rendered from the fitted map with the rig's own camera and light, where the photograph's registration puts the sample{}.",
-            cylinder
-                .map_or_else(String::new, |radius| format!(", bent over a cylinder of radius {radius} mm"))
-        ),
-        sections: vec![section, numbers],
-    })
-}
-
 /// Both pictures of a pose with its geometry; `None` when it cannot be registered.
-fn pictures(
+fn shot(
     photographs: &Photographs,
     map: &SbrdfMap,
     pose: usize,
-) -> Result<Option<(PoseGeometry, Pictures)>> {
+    (lattice, cone): (&Lattice, Option<&Cone>),
+) -> Result<Option<Shot>> {
     let (photograph, Ok(registration)) = photographs.pose(pose)? else { return Ok(None) };
     let config = &photographs.run.rig;
     let geometry = pose_geometry(config, &registration.pose, photographs.run.plan.angles(pose).light);
@@ -211,7 +167,13 @@ fn pictures(
         let plane = registration.homography.invert(camera::to_normalised(&config.camera, DVec2::new(x, y)));
         SurfacePoint::seen(&config.carrier, geometry.camera_mm, plane)
     };
-    let rendering = render(config, map, &geometry, &photograph, seen);
+    let (rendering, places) =
+        render(config, map, &geometry, (photograph.width, photograph.height), |x, y| {
+            let point = seen(x, y)?;
+            Some((point, lattice.at(point.flat_mm)))
+        });
+    let by_texel =
+        angles::of_photograph(lattice, cone, (config, &geometry), [&photograph, &rendering], &places);
     let [across, down] = surroundings(config, &registration);
     let planes = [BayerPlanes::new(&photograph), BayerPlanes::new(&rendering)];
     let pixel = |column: usize, row: usize| {
@@ -227,7 +189,7 @@ fn pictures(
     let pixels = down.flat_map(|row| across.clone().map(move |column| (column, row)));
     let pixels = pixels.map(|(column, row)| pixel(column, row)).collect();
     let relative_rms = relative_rms(&photograph, &rendering);
-    Ok(Some((geometry, Pictures { columns, pixels, relative_rms })))
+    Ok(Some(Shot { geometry, pictures: Pictures { columns, pixels, relative_rms }, seen: by_texel }))
 }
 
 /// Radiance of a white pixel, divided by the lamp's: that of a perfect diffuser at the point, which on a cylinder faces the
@@ -258,32 +220,33 @@ fn surroundings(config: &RigConfig, registration: &Registration) -> [Range<usize
     [range(|p| p.x, config.camera.width), range(|p| p.y, config.camera.height)]
 }
 
-/// The mosaic that the camera would see of the map: radiance for the nominal lamp, NaN beside the sample.
+/// The mosaic that the camera would see of the map, radiance for the nominal lamp, NaN beside the sample; and what each pixel sees.
 fn render(
     config: &RigConfig,
     map: &SbrdfMap,
     geometry: &PoseGeometry,
-    photograph: &MosaicRadiance,
-    seen: impl Fn(f64, f64) -> Option<SurfacePoint>,
-) -> MosaicRadiance {
-    let (width, height) = (photograph.width, photograph.height);
+    (width, height): (usize, usize),
+    seen: impl Fn(f64, f64) -> Option<(SurfacePoint, Option<usize>)>,
+) -> (MosaicRadiance, Vec<Place>) {
     let value = |index: usize| {
         let (x, y) = (index % width, index / width);
-        let Some(point) = seen(x as f64, y as f64) else { return f32::NAN };
+        let nothing = |radiance| (radiance, Place { texel: None, irradiance: 0.0 });
+        let Some((point, texel)) = seen(x as f64, y as f64) else { return nothing(f32::NAN) };
         let (toward, solid_angle) = reflectance::light_from(config, geometry, point.position_mm);
         let wi = point.local(toward);
         if wi.z <= 0.0 {
-            return 0.0;
+            return nothing(0.0);
         }
         let wo = point.local((geometry.camera_mm - point.position_mm).normalize()).as_vec3();
         let channel = bayer_channel(x, y);
-        let irradiance = config.lamp.radiance[channel] * wi.z * solid_angle;
+        let irradiance = (config.lamp.radiance[channel] * wi.z * solid_angle) as f32;
         let neighbours = neighbours(map, config.carrier.texel_mm(), point.flat_mm);
         let reflected = |(texel, weight)| weight * map.eval(texel, wi.as_vec3(), wo)[channel];
-        neighbours.map(reflected).iter().sum::<f32>() * irradiance as f32
+        let radiance = neighbours.map(reflected).iter().sum::<f32>() * irradiance;
+        (radiance, Place { texel: texel.map(|texel| texel as u32), irradiance })
     };
-    let data = (0..width * height).map(value).collect();
-    MosaicRadiance { width, height, data, variance: Vec::new() }
+    let (data, places) = (0..width * height).map(value).unzip();
+    (MosaicRadiance { width, height, data, variance: Vec::new() }, places)
 }
 
 /// The four texels about a place and their bilinear weights.
@@ -367,15 +330,24 @@ impl Pictures {
     }
 }
 
-/// Opens the run and compares.
+/// Opens the run and compares. `measured_in` is the run that the map was fitted from; without it that is the compared run itself,
+/// where the sample lies flat in it.
 ///
 /// # Errors
 /// As [`poses`] and [`Photographs::open`].
-pub fn run(folder: &Path, map: &SbrdfMap, wanted: &[usize]) -> Result<(Vec<ComparedPose>, Chart)> {
+pub fn run(
+    folder: &Path,
+    map: &SbrdfMap,
+    wanted: &[usize],
+    measured_in: Option<&Path>,
+) -> Result<(Comparison, Chart)> {
     let photographs = Photographs::open(folder)?;
-    let compared = poses(&photographs, map, wanted)?;
-    let chart = chart(&photographs, map, &compared)?;
-    Ok((compared, chart))
+    let other = measured_in.map(RunFolder::open).transpose()?;
+    let own = Some(&photographs.run).filter(|run| run.rig.carrier.cylinder_radius_mm.is_none());
+    let cone = other.as_ref().or(own).map(|run| Cone::of_plan(&run.plan, &run.rig));
+    let comparison = poses(&photographs, map, wanted, cone)?;
+    let chart = page::chart(&photographs, map, &comparison)?;
+    Ok((comparison, chart))
 }
 
 #[cfg(test)]

@@ -7,19 +7,22 @@ use lobelia_hil_sim::optics::SampleLayout;
 
 use crate::acquire::recipe::Recipe;
 use crate::acquire::{self, RunFolder, simulated};
+use crate::by_angle::Cone;
 use crate::develop::{self, Developed};
 use crate::error::{Error, Result};
+use crate::fit::FitOptions;
 use crate::fit::figures::ErrorFigure;
-use crate::fit::{self, FitOptions, Method};
 use crate::plan::{self, Extent};
-use crate::reflectance::SbrdfMap;
 use crate::report::Report;
 use crate::rig::config::{Carrier, RigConfig};
 
+pub mod fits;
 pub mod page;
 pub mod pictures;
 pub mod sample;
 pub mod truth;
+
+use fits::Fits;
 
 /// How much to measure.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
@@ -91,18 +94,14 @@ impl Settings {
         Self { size, poses: None, recipe: None, lobes: 2, separate_channels: false, anisotropic: false, seed }
     }
 
-    /// The fits to compare, the result last.
-    fn fits(&self) -> Vec<FitOptions> {
-        let one = |method| FitOptions { lobes: 1, method, ..FitOptions::default() };
-        let result = FitOptions {
+    /// How the result is fitted.
+    fn result(&self) -> FitOptions {
+        FitOptions {
             lobes: self.lobes,
             separate_channels: self.separate_channels,
             isotropic: !self.anisotropic,
             ..FitOptions::default()
-        };
-        let mut fits = vec![one(Method::LineSearch), one(Method::Lm), result];
-        fits.dedup();
-        fits
+        }
     }
 
     /// Checks all that can be checked before anything is measured.
@@ -110,7 +109,7 @@ impl Settings {
     /// # Errors
     /// When the settings ask for what cannot be fitted, or the recipe is wrong.
     pub fn check(&self) -> Result<()> {
-        self.fits().iter().try_for_each(FitOptions::check)?;
+        self.result().check()?;
         self.layout(&self.size.rig(self.seed).carrier).map(|_| ())
     }
 
@@ -123,22 +122,6 @@ impl Settings {
     }
 }
 
-/// One fit and how wrong it is.
-pub struct FitOutcome {
-    /// Method.
-    pub method: Method,
-    /// Lobes.
-    pub lobes: usize,
-    /// Whether every channel has lobes of its own.
-    pub separate_channels: bool,
-    /// The map.
-    pub map: SbrdfMap,
-    /// Duration, s.
-    pub seconds: f64,
-    /// Relative RMS error on unposed direction pairs, a texel.
-    pub errors: Vec<f32>,
-}
-
 /// All that the demo made.
 pub struct DemoOutcome {
     /// The run.
@@ -147,8 +130,10 @@ pub struct DemoOutcome {
     pub developed: Developed,
     /// The bench, which knows the truth.
     pub bench: lobelia_hil_sim::optics::OpticalBench,
-    /// The fits that were compared; the last one is the result.
-    pub fits: Vec<FitOutcome>,
+    /// The fits.
+    pub fits: Fits,
+    /// Where poses looked.
+    pub cone: Cone,
     /// RMS registration error of each registered pose against the truth, texels.
     pub registration_texels: Vec<f64>,
 }
@@ -179,47 +164,24 @@ pub fn run(folder: &Path, settings: &Settings, report: &mut Report) -> Result<De
         Ok(developed)
     })?;
 
-    let pairs = truth::unposed_pairs(settings.seed);
-    let mut fits = Vec::new();
-    for options in settings.fits() {
-        let name = format!("fit {} {}", options.method.name(), options.lobes);
-        let map = report.stage(&name, || fit::fit_sbrdf(&developed.sampled, &options))?;
-        let seconds = report.stages.last().map_or(0.0, |stage| stage.seconds);
-        let errors = truth::reflectance_errors(&rig, &bench, &map, &pairs);
-        let FitOptions { method, lobes, separate_channels, .. } = options;
-        fits.push(FitOutcome { method, lobes, separate_channels, map, seconds, errors });
-    }
-    if let Some(result) = fits.last_mut() {
-        let path = folder.join("material.exr");
-        result.map.attributes.extend(report.provenance());
-        result.map.write_exr(&path).map_err(|error| Error::writing(&path, error))?;
-    }
+    let cone = Cone::of_poses(&developed.sampled.poses, &run.plan);
+    let mut fits = Fits::make(&developed.sampled, settings, (&bench, &cone), report)?;
+    let path = folder.join("material.exr");
+    fits.result.map.attributes.extend(report.provenance());
+    fits.result.map.write_exr(&path).map_err(|error| Error::writing(&path, error))?;
 
     let axes = simulated::read_truth(&run_folder, run.plan.poses.len())?;
     let registered = developed.registrations.iter().zip(&axes).filter_map(|(found, &axes)| {
         found.as_ref().ok().map(|found| truth::registration_error_texels(&rig, &bench, axes, found))
     });
     let registration_texels: Vec<f64> = registered.collect();
-    let outcome = DemoOutcome { run, developed, bench, fits, registration_texels };
+    let outcome = DemoOutcome { run, developed, bench, fits, cone, registration_texels };
     note_figures(&outcome, report);
     Ok(outcome)
 }
 
 /// The errors and counts that the README quotes.
 fn note_figures(outcome: &DemoOutcome, report: &mut Report) {
-    for fit in &outcome.fits {
-        let over = format!("median over texels, {} unposed direction pairs each", truth::PAIRS);
-        let figure = |median: f64| {
-            ErrorFigure::new("relative_rms_reflectance", median, "1", over.clone())
-                .with("method", fit.method.name())
-                .with("lobes", fit.lobes)
-                .with("separate_channels", fit.separate_channels)
-        };
-        report.errors.push(figure(truth::median(&fit.errors)));
-        for (material, median) in outcome.medians_by_material(fit).into_iter().enumerate() {
-            report.errors.push(figure(median).with("material", material));
-        }
-    }
     let count = outcome.registration_texels.len();
     let squares: f64 = outcome.registration_texels.iter().map(|e| e * e).sum();
     let rms = (squares / count.max(1) as f64).sqrt();
@@ -231,19 +193,4 @@ fn note_figures(outcome: &DemoOutcome, report: &mut Report) {
     report.figure("poses_registered", count);
     let camera = &outcome.run.rig.camera;
     report.figure("sensor_px", vec![camera.width, camera.height]);
-}
-
-impl DemoOutcome {
-    /// The median of a fit's errors over the texels of each material.
-    pub fn medians_by_material(&self, fit: &FitOutcome) -> Vec<f64> {
-        let sampled = &self.developed.sampled;
-        let mut errors: Vec<Vec<f32>> = Vec::new();
-        for (texel, &error) in fit.errors.iter().enumerate() {
-            let place = sampled.position_mm(texel);
-            let material = self.bench.config().sample.index_at(place.x, place.y);
-            errors.resize(errors.len().max(material + 1), Vec::new());
-            errors[material].push(error);
-        }
-        errors.iter().map(|errors| truth::median(errors)).collect()
-    }
 }

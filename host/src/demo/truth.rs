@@ -1,15 +1,16 @@
 //! Errors against the simulator's truth: of the fits, on direction pairs that were never posed, and of the registration.
 
 use glam::{DVec2, Vec3};
-use lobelia_hil_sim::optics::{OpticalBench, noise};
+use lobelia_hil_sim::optics::{Material, OpticalBench, noise};
 use rayon::prelude::*;
 
+use crate::by_angle::{self, ByAngle, Cone, Probes};
 use crate::develop::camera;
 use crate::develop::registration::Registration;
 use crate::plan::choose::{MAX_THETA_I_DEG, MAX_THETA_O_DEG};
-use crate::reflectance::{Brdf, SbrdfMap};
+use crate::reflectance::{Brdf, Rgb, SbrdfMap};
 use crate::rig::config::RigConfig;
-use crate::sampled::texel_position_mm;
+use crate::sampled::{SampledSbrdf, Window};
 
 /// Direction pairs on which fits are judged.
 pub const PAIRS: usize = 500;
@@ -28,26 +29,78 @@ pub fn unposed_pairs(seed: u64) -> Vec<(Vec3, Vec3)> {
     (0..PAIRS).map(|k| (direction(k, 0, MAX_THETA_I_DEG), direction(k, 2, MAX_THETA_O_DEG))).collect()
 }
 
-/// Relative RMS error ‖f̂ − f‖ / ‖f‖ over `pairs` and the three channels, a texel.
-pub fn reflectance_errors(
-    config: &RigConfig,
-    bench: &OpticalBench,
-    map: &SbrdfMap,
-    pairs: &[(Vec3, Vec3)],
-) -> Vec<f32> {
-    let sample = &bench.config().sample;
-    let error = |texel: usize| {
-        let place = texel_position_mm(map.width, map.height, config.carrier.texel_mm(), texel);
-        let material = sample.at(place.x, place.y);
-        let (mut off, mut all) = (0.0f64, 0.0f64);
-        for &(wi, wo) in pairs {
-            let truth = material.eval(wi, wo);
-            off += f64::from((map.eval(texel, wi, wo) - truth).length_squared());
-            all += f64::from(truth.length_squared());
-        }
-        (off / all).sqrt() as f32
-    };
-    (0..map.width * map.height).into_par_iter().map(error).collect()
+/// What really lies at every texel, and its reflectance at the pairs on which fits are judged.
+pub struct Judge {
+    pairs: Vec<(Vec3, Vec3)>,
+    probes: Probes,
+    /// Texels a row.
+    width: usize,
+    /// Which of the materials, turned ones apart, each texel has.
+    kind: Vec<usize>,
+    /// A material's number in the recipe, its reflectance at the pairs and at the probes.
+    kinds: Vec<Kind>,
+}
+
+/// One material, in one direction of its pattern.
+struct Kind {
+    number: usize,
+    at_pairs: Vec<Rgb>,
+    at_probes: Vec<Rgb>,
+}
+
+impl Judge {
+    /// A judge of fits to `sampled`, of what lies on the bench; errors by angle are told by `cone`.
+    pub fn new(sampled: &SampledSbrdf, bench: &OpticalBench, cone: &Cone, seed: u64) -> Self {
+        let (pairs, probes) = (unposed_pairs(seed), Probes::new(cone, seed));
+        let sample = &bench.config().sample;
+        let mut known: Vec<&Material> = Vec::new();
+        let mut kinds = Vec::new();
+        let kind = (0..sampled.texels()).map(|texel| {
+            let place = sampled.position_mm(texel);
+            let material = sample.at(place.x, place.y);
+            known.iter().position(|other| std::ptr::eq(*other, material)).unwrap_or_else(|| {
+                known.push(material);
+                kinds.push(Kind {
+                    number: sample.index_at(place.x, place.y),
+                    at_pairs: pairs.iter().map(|&(wi, wo)| material.eval(wi, wo)).collect(),
+                    at_probes: probes.values(|wi, wo| material.eval(wi, wo)),
+                });
+                kinds.len() - 1
+            })
+        });
+        let kind = kind.collect();
+        Self { pairs, probes, width: sampled.width, kind, kinds }
+    }
+
+    /// What lies at each texel of a window, row by row.
+    fn at(&self, window: &Window) -> Vec<&Kind> {
+        window.indices(self.width).map(|texel| &self.kinds[self.kind[texel]]).collect()
+    }
+
+    /// The number in the recipe of the material of each texel of a window.
+    pub fn materials(&self, window: &Window) -> Vec<usize> {
+        self.at(window).iter().map(|kind| kind.number).collect()
+    }
+
+    /// Relative RMS error ‖f̂ − f‖ / ‖f‖ over the unposed pairs and the three channels, a texel of a map of a window.
+    pub fn errors(&self, map: &SbrdfMap, window: &Window) -> Vec<f32> {
+        let error = |(texel, kind): (usize, &&Kind)| {
+            let (mut off, mut all) = (0.0f64, 0.0f64);
+            for (&(wi, wo), &truth) in self.pairs.iter().zip(&kind.at_pairs) {
+                off += f64::from((map.eval(texel, wi, wo) - truth).length_squared());
+                all += f64::from(truth.length_squared());
+            }
+            by_angle::relative(off, all)
+        };
+        self.at(window).par_iter().enumerate().map(error).collect()
+    }
+
+    /// The same by angle, inside and outside the measured cone.
+    pub fn by_angle(&self, map: &SbrdfMap, window: &Window) -> ByAngle {
+        let at = self.at(window);
+        let fitted = |texel, wi, wo| map.eval(texel, wi, wo);
+        self.probes.errors(at.len(), fitted, |texel| &at[texel].at_probes)
+    }
 }
 
 /// RMS distance, in texels, between where a pose's registration puts points of the sample and where they really are,
@@ -69,11 +122,4 @@ pub fn registration_error_texels(
         })
         .collect();
     (squares.iter().sum::<f64>() / squares.len() as f64).sqrt() / carrier.texel_mm()
-}
-
-/// The middle value; NaN without values.
-pub fn median(values: &[f32]) -> f64 {
-    let mut sorted = values.to_vec();
-    sorted.sort_by(f32::total_cmp);
-    sorted.get(sorted.len() / 2).copied().map_or(f64::NAN, f64::from)
 }

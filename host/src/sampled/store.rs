@@ -126,6 +126,11 @@ impl Window {
         self.x.len() * self.y.len()
     }
 
+    /// Indices (row · width + column) of its texels in a sample of `width` columns, row by row.
+    pub fn indices(&self, width: usize) -> impl Iterator<Item = usize> + '_ {
+        self.y.clone().flat_map(move |y| self.x.clone().map(move |x| y * width + x))
+    }
+
     /// From the middle of columns × rows to that of the window, texels along x and y.
     pub fn offset(&self, [width, height]: [usize; 2]) -> DVec2 {
         let middle =

@@ -3,13 +3,14 @@
 use glam::{DVec3, Vec3};
 
 use super::{percent, quantile, sampled};
+use crate::chart::fit::relative_error;
 use crate::chart::{Axis, Cell, Plot, Section, Series, Table};
 use crate::error::Result;
 use crate::fit::random::Random;
 use crate::fit::{self, AlbedoBound, FitOptions};
 use crate::plan::choose::{MAX_THETA_I_DEG, MAX_THETA_O_DEG};
 use crate::progress;
-use crate::reflectance::{Brdf, Lobe, LobeBrdf, Microfacet, Rgb, SbrdfMap, albedo};
+use crate::reflectance::{Brdf, Lobe, LobeBrdf, Microfacet, Rgb, albedo};
 use crate::sampled::{PoseGeometry, SampledSbrdf};
 use crate::synth::{self, DISTANCE_MM};
 
@@ -220,7 +221,7 @@ fn judged(kind: Kind, limits: [f64; 2], side: usize, seed: u64, done: impl Fn())
             let errors: Vec<f64> = truth
                 .iter()
                 .enumerate()
-                .map(|(texel, truth)| error(&map, texel, truth, &pairs[bin]))
+                .map(|(texel, truth)| relative_error(&map, texel, truth, &pairs[bin]))
                 .collect();
             quantile(&errors, 0.5)
         });
@@ -235,16 +236,6 @@ fn judged(kind: Kind, limits: [f64; 2], side: usize, seed: u64, done: impl Fn())
         Ok(found)
     };
     FITS.iter().map(of).collect()
-}
-
-fn error(map: &SbrdfMap, texel: usize, truth: &LobeBrdf, pairs: &[(Vec3, Vec3)]) -> f64 {
-    let (mut off, mut all) = (0.0, 0.0);
-    for &(wi, wo) in pairs {
-        let f = truth.eval(wi, wo);
-        off += f64::from((map.eval(texel, wi, wo) - f).length_squared());
-        all += f64::from(f.length_squared());
-    }
-    (off / all).sqrt()
 }
 
 #[cfg(test)]

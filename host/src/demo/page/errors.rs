@@ -1,35 +1,67 @@
-//! Errors against the simulator's truth: histograms and a table of the report's figures.
+//! Errors against the simulator's truth: the methods beside each other, the result by angle, the registration.
 
-use crate::demo::{DemoOutcome, FitOutcome, truth};
+use super::histogram::Axes;
+use crate::by_angle::{PERCENTILES, Side};
+use crate::chart::{Cell, Table};
+use crate::demo::fits::{FitOutcome, lobes_title};
+use crate::demo::{DemoOutcome, truth};
 use crate::fit::figures::ErrorFigure;
-use crate::page::scale::{Histogram, Scale};
+use crate::page::scale::{Histogram, Scale, quantile};
 use crate::page::{html, numbers};
 use crate::report::Report;
 
 /// Bins of every histogram.
 const BINS: usize = 36;
 
-/// Plot area in a drawing of 360 × 230: left, top, width, height.
-const AREA: [f64; 4] = [46.0, 20.0, 288.0, 160.0];
-
-/// The section.
-pub(super) fn section(outcome: &DemoOutcome, report: &Report) -> String {
-    let fits = format!("<div class=\"three\">{}</div>\n", fit_histograms(&outcome.fits));
-    let registration = registration_histogram(&outcome.registration_texels);
-    let content =
-        format!("{fits}<div class=\"aside\">{registration}<div>{}</div></div>\n", table(&report.errors));
+/// The section on the fits.
+pub(super) fn section(outcome: &DemoOutcome) -> String {
+    let fits = &outcome.fits;
+    let texels = fits.window.texels();
     let lead = format!(
-        "The simulator knows what really lies at every texel. Each fit is compared with that on {} direction pairs that were never posed, the same for all; the error is ‖f̂ − f‖ / ‖f‖ over pairs and channels.",
-        truth::PAIRS
+        "The simulator knows what really lies at every texel. Each fit is compared with that on {} direction pairs that were never posed, the same for all, within the polar cuts of the plan; the error is ‖f̂ − f‖ / ‖f‖ over pairs and channels. All methods are judged over the same {} texels{}, line searches with the one lobe that they have.",
+        truth::PAIRS,
+        numbers::count(texels),
+        if texels < fits.result.errors.len() { " in the middle of the sample" } else { "" }
     );
-    html::section("errors", "Errors against the truth", &lead, &content)
+    let content = format!(
+        "{}<h3>In numbers</h3>\n<div class=\"scroll\">{}</div>\n",
+        histograms(outcome),
+        methods(outcome).html()
+    );
+    html::section("errors", "Methods against the truth", &lead, &content)
+}
+
+/// The section on errors by angle.
+pub(super) fn by_angle(outcome: &DemoOutcome) -> String {
+    let fits = &outcome.fits;
+    let lead = format!(
+        "A direction pair lies inside the measured cone when a pose is within θ<sub>d</sub> = {}° of it, the spacing of the plan; outside, a fit tells what nobody measured. Judged on {} random pairs over the whole hemispheres.",
+        numbers::significant(outcome.cone.spacing_deg(), 3),
+        numbers::count(crate::by_angle::PAIRS * (crate::by_angle::BANDS_DEG.len() - 1))
+    );
+    let content = format!(
+        "<h3>The methods, over {} texels</h3>\n<div class=\"scroll\">{}</div>\n<h3>The result by angle, over all {} texels</h3>\n<div class=\"scroll\">{}</div>\n",
+        numbers::count(fits.window.texels()),
+        cones(outcome).html(),
+        numbers::count(fits.result.errors.len()),
+        fits.result.by_angle.table().html()
+    );
+    html::section("angles", "Inside and outside the measured cone", &lead, &content)
+}
+
+/// The section on the registration, and the report's other figures.
+pub(super) fn registration(outcome: &DemoOutcome, report: &Report) -> String {
+    let histogram = registration_histogram(&outcome.registration_texels);
+    let content = format!("<div class=\"aside\">{histogram}<div>{}</div></div>\n", table(&report.errors));
+    let lead = "How far from its true place in the photograph a point of the sample is taken to be.";
+    html::section("registration", "Registration against the truth", lead, &content)
 }
 
 /// What a fit is called.
 pub fn fit_name(fit: &FitOutcome) -> String {
-    let method = capitalised(fit.method.title());
-    let channel = if fit.separate_channels { " a channel" } else { "" };
-    format!("{method}, {} {}{channel}", fit.lobes, if fit.lobes == 1 { "lobe" } else { "lobes" })
+    let method = capitalised(fit.options.method.title());
+    let channel = if fit.options.separate_channels { " a channel" } else { "" };
+    format!("{method}, {}{channel}", lobes_title(&fit.options))
 }
 
 fn capitalised(text: &str) -> String {
@@ -37,28 +69,84 @@ fn capitalised(text: &str) -> String {
     letters.next().map(|first| first.to_uppercase().chain(letters).collect()).unwrap_or_default()
 }
 
-/// The fits side by side, on the same axes.
-fn fit_histograms(fits: &[FitOutcome]) -> String {
-    let all: Vec<f32> = fits.iter().flat_map(|fit| fit.errors.iter().copied()).collect();
+/// The compared fits, those of one lobe and the others, all on the same axes.
+fn histograms(outcome: &DemoOutcome) -> String {
+    let fits: Vec<(&FitOutcome, Vec<f32>)> = (outcome.fits.compared().into_iter())
+        .map(|(_, fit)| (fit, fit.errors_in(&outcome.fits.window)))
+        .collect();
+    let all: Vec<f32> = fits.iter().flat_map(|(_, errors)| errors.iter().copied()).collect();
     let scale = Scale::of(&all, 0.002, 0.998, true).rounded();
-    let histogram = |fit: &FitOutcome| Histogram::new(fit.errors.iter().map(|&e| f64::from(e)), &scale, BINS);
-    let counted: Vec<Histogram> = fits.iter().map(histogram).collect();
-    let most = counted.iter().map(Histogram::most).max().unwrap_or(1);
-    fits.iter()
-        .zip(&counted)
-        .map(|(fit, histogram)| {
-            let median = truth::median(&fit.errors);
-            let axes =
-                Axes { scale: &scale, most, x: "relative RMS error", y: "texels", label: numbers::percent };
-            let caption = format!(
-                "<b>{}</b>: median {}, {}",
-                fit_name(fit),
-                numbers::percent(median),
-                numbers::seconds(fit.seconds)
-            );
-            html::figure(&axes.draw(histogram, median, &fit_name(fit)), &caption)
-        })
-        .collect()
+    let counted = |errors: &[f32]| Histogram::new(errors.iter().map(|&e| f64::from(e)), &scale, BINS);
+    let most = fits.iter().map(|(_, errors)| counted(errors).most()).max().unwrap_or(1);
+    let axes = Axes { scale: &scale, most, x: "relative RMS error", y: "texels", label: numbers::percent };
+    let figure = |(fit, errors): &(&FitOutcome, Vec<f32>)| {
+        let [median, most] = [0.5, 0.95].map(|share| quantile(errors, share));
+        let caption = format!(
+            "<b>{}</b>: median {}, 95 % of the texels below {}; {} µs a texel",
+            fit_name(fit),
+            numbers::percent(median),
+            numbers::percent(most),
+            numbers::significant(fit.us_a_texel(), 2)
+        );
+        html::figure(&axes.draw(&counted(errors), median, &fit_name(fit)), &caption)
+    };
+    let group = |title: &str, one: bool| {
+        let chosen = fits.iter().filter(|(fit, _)| (fit.options.lobes == 1) == one);
+        format!("<h3>{title}</h3>\n<div class=\"four\">{}</div>\n", chosen.map(figure).collect::<String>())
+    };
+    group("One lobe", true) + &group("Two lobes and more", false)
+}
+
+/// Errors as cells of a table, percent.
+fn cells(errors: impl IntoIterator<Item = f64>) -> impl Iterator<Item = Cell> {
+    errors.into_iter().map(|error| Cell::from(100.0 * error))
+}
+
+/// Percentiles, time and medians by material, a row a method.
+fn methods(outcome: &DemoOutcome) -> Table {
+    let fits = &outcome.fits;
+    let materials = fits.result.errors_by_material(&fits.window).len();
+    let mut table = Table::new(["method", "µs a texel", "median, %", "95 %", "99 %", "worst, %"]);
+    if materials > 1 {
+        table.columns.extend((0..materials).map(|number| format!("median of material {number}, %")));
+    }
+    for (name, fit) in fits.compared() {
+        let errors = fit.errors_in(&fits.window);
+        let mut row: Vec<Cell> = vec![name.into(), fit.us_a_texel().into()];
+        row.extend(cells(PERCENTILES.map(|percentile| quantile(&errors, f64::from(percentile) / 100.0))));
+        if materials > 1 {
+            let by_material = fit.errors_by_material(&fits.window);
+            row.extend(cells(by_material.iter().map(|errors| quantile(errors, 0.5))));
+        }
+        table.rows.push(row);
+    }
+    table
+}
+
+/// Percentiles on both sides of the cone's rim, a row a method.
+fn cones(outcome: &DemoOutcome) -> Table {
+    let fits = &outcome.fits;
+    let mut table = Table::new([
+        "method",
+        "inside: median, %",
+        "95 %",
+        "99 %",
+        "worst, %",
+        "outside: median, %",
+        "95 %",
+        "99 %",
+        "worst, %",
+    ]);
+    for (name, fit) in fits.compared() {
+        let by_angle = fit.by_angle.of(fit.indices(&fits.window));
+        let mut row: Vec<Cell> = vec![name.into()];
+        for side in [Side::Inside, Side::Outside] {
+            let errors = by_angle.side(side).map_or([f64::NAN; PERCENTILES.len()], |row| row.errors);
+            row.extend(cells(errors));
+        }
+        table.rows.push(row);
+    }
+    table
 }
 
 /// The registration's error over the poses.
@@ -66,7 +154,7 @@ fn registration_histogram(errors: &[f64]) -> String {
     let values: Vec<f32> = errors.iter().map(|&e| e as f32).collect();
     let scale = Scale::of(&values, 0.0, 1.0, true).rounded();
     let histogram = Histogram::new(errors.iter().copied(), &scale, BINS / 2);
-    let median = truth::median(&values);
+    let median = quantile(&values, 0.5);
     let label = |value: f64| numbers::significant(value, 2);
     let axes = Axes {
         scale: &scale,
@@ -84,82 +172,7 @@ fn registration_histogram(errors: &[f64]) -> String {
     html::figure(&axes.draw(&histogram, median, "registration error"), &caption)
 }
 
-/// The axes of a histogram.
-struct Axes<'a> {
-    scale: &'a Scale,
-    most: usize,
-    x: &'a str,
-    y: &'a str,
-    /// How the median is written.
-    label: fn(f64) -> String,
-}
-
-impl Axes<'_> {
-    /// The histogram as SVG with its median marked.
-    fn draw(&self, histogram: &Histogram, median: f64, alt: &str) -> String {
-        let [left, top, width, height] = AREA;
-        let bottom = top + height;
-        let top_count = Scale::linear(0.0, 1.05 * self.most.max(1) as f64);
-        let y = |count: f64| bottom - height * top_count.place(count);
-        let step = width / histogram.counts.len() as f64;
-        let mut drawn = String::new();
-        for tick in top_count.ticks(5).into_iter().filter(|tick| tick.fract() == 0.0) {
-            let at = y(tick);
-            drawn += &format!(
-                "<path class=\"grid\" d=\"M{left} {at:.1}h{width}\"/><text class=\"end\" x=\"{:.1}\" y=\"{:.1}\">{}</text>",
-                left - 6.0,
-                at + 4.0,
-                numbers::count(tick as usize)
-            );
-        }
-        for (bin, &count) in histogram.counts.iter().enumerate().filter(|(_, count)| **count > 0) {
-            let (x, at) = (left + step * bin as f64, y(count as f64));
-            drawn += &format!(
-                "<rect class=\"column\" x=\"{:.1}\" y=\"{at:.1}\" width=\"{:.1}\" height=\"{:.1}\"/>",
-                x + 0.5,
-                step - 1.0,
-                bottom - at
-            );
-        }
-        drawn += &self.x_axis(bottom);
-        if median.is_finite() {
-            drawn += &self.median(median);
-        }
-        format!(
-            "<svg role=\"img\" aria-label=\"histogram: {}\" viewBox=\"0 0 360 230\">{drawn}<text class=\"middle name\" x=\"{:.1}\" y=\"222\">{}</text><text class=\"name\" x=\"4\" y=\"13\">{}</text></svg>",
-            html::escape(alt),
-            left + width / 2.0,
-            self.x,
-            self.y
-        )
-    }
-
-    /// Line and ticks under the columns.
-    fn x_axis(&self, bottom: f64) -> String {
-        let [left, _, width, _] = AREA;
-        let percent = self.x.starts_with("relative");
-        let ticks = self.scale.ticks(6).into_iter().map(|value| {
-            let x = left + width * self.scale.place(value);
-            let text = if percent { format!("{}\u{202f}%", numbers::tick(100.0 * value)) } else { numbers::tick(value) };
-            format!("<path class=\"axis\" d=\"M{x:.1} {bottom}v4\"/><text class=\"middle\" x=\"{x:.1}\" y=\"{:.1}\">{text}</text>", bottom + 17.0)
-        });
-        format!("<path class=\"axis\" d=\"M{left} {bottom}h{width}\"/>{}", ticks.collect::<String>())
-    }
-
-    /// A line at the median, its value above.
-    fn median(&self, median: f64) -> String {
-        let [left, top, width, height] = AREA;
-        let x = left + width * self.scale.place(median).clamp(0.0, 1.0);
-        format!(
-            "<path class=\"median\" d=\"M{x:.1} {top}v{height}\"/><text class=\"middle strong\" x=\"{:.1}\" y=\"{:.1}\">median {}</text>",
-            x.clamp(left + 56.0, left + width - 40.0),
-            top - 7.0,
-            (self.label)(median)
-        )
-    }
-}
-
-/// The report's errors.
+/// The report's errors, but for the many percentiles, which have their own tables.
 fn table(errors: &[ErrorFigure]) -> String {
     let row = |error: &ErrorFigure| {
         let depends = error.depends.iter().map(|(key, value)| {
@@ -178,6 +191,6 @@ fn table(errors: &[ErrorFigure]) -> String {
     };
     format!(
         "<table class=\"figures\"><thead><tr><th>figure</th><th class=\"number\">value</th><th>unit</th><th>over</th></tr></thead><tbody>\n{}</tbody></table>",
-        errors.iter().filter(|error| !error.depends.contains_key("material")).map(row).collect::<String>()
+        errors.iter().filter(|error| !error.depends.contains_key("percentile")).map(row).collect::<String>()
     )
 }

@@ -50,7 +50,8 @@ pub(super) fn section(outcome: &DemoOutcome) -> Result<String> {
         html::figure(
             &mosaic,
             &format!(
-                "The mosaic as recorded, {} × {} pixels, dark level subtracted, square root of the values. Exposure {} s, one of {} of this pose.",
+                "<code>{}</code>, the mosaic as recorded, {} × {} pixels, dark level subtracted, square root of the values. Exposure {} s, one of {} of this pose.",
+                html::escape(&record.file),
                 raw.width,
                 raw.height,
                 numbers::significant(record.open_s, 3),
@@ -67,8 +68,7 @@ pub(super) fn section(outcome: &DemoOutcome) -> Result<String> {
         detail
     );
     let lead = format!(
-        "Pose {} of {}, counted from 0: light at θ<sub>i</sub> = {}, camera at θ<sub>o</sub> = {}. The printed tags, not the motors, say where every texel lies in the photograph: the tags of this pose fit one homography to {} mm RMS on the sample’s plane.",
-        pose,
+        "Pose {pose} of {}, counted from 0: light at θ<sub>i</sub> = {}, camera at θ<sub>o</sub> = {}. The printed tags, not the motors, say where every texel lies in the photograph: the tags of this pose fit one homography to {} mm RMS on the sample’s plane.",
         outcome.run.plan.poses.len(),
         numbers::degrees(pick::polar(wi)),
         numbers::degrees(pick::polar(wo)),

@@ -3,15 +3,18 @@
 
 use std::path::Path;
 
-use crate::demo::{DemoOutcome, FitOutcome, truth};
-use crate::error::{Error, Result};
+use crate::demo::DemoOutcome;
+use crate::demo::fits::{FitOutcome, lobes_title};
+use crate::error::Result;
 use crate::files;
+use crate::page::scale::quantile;
 use crate::page::{self, html, numbers};
 use crate::report::Report;
 
 mod errors;
 mod frame;
 mod hemisphere;
+mod histogram;
 mod maps;
 mod pick;
 mod polar;
@@ -34,21 +37,23 @@ pub struct Rendered {
 /// Writes the page of a demo whose report is finished.
 ///
 /// # Errors
-/// When the outcome has no fit or no registered pose, a frame of the run cannot be read, or the disk refuses.
+/// When the outcome has no registered pose, a frame of the run cannot be read, or the disk refuses.
 pub fn write(outcome: &DemoOutcome, report: &Report, renderings: &[Rendered], path: &Path) -> Result<()> {
     files::write_bytes(path, page(outcome, report, renderings)?.as_bytes())
 }
 
 /// The page as HTML.
 fn page(outcome: &DemoOutcome, report: &Report, renderings: &[Rendered]) -> Result<String> {
-    let result = outcome.fits.last().ok_or_else(|| Error::failure("the demo made no fit to show"))?;
+    let result = &outcome.fits.result;
     let sections = [
         head(outcome, result, report, renderings),
         frame::section(outcome)?,
         texture::section(outcome)?,
         texels::section(outcome, result)?,
-        maps::section(result)?,
-        errors::section(outcome, report),
+        maps::section(&outcome.fits)?,
+        errors::section(outcome),
+        errors::by_angle(outcome),
+        errors::registration(outcome, report),
         timing::section(report),
     ];
     let body = format!("<main>\n{}</main>\n{}", sections.concat(), footer(report));
@@ -65,8 +70,8 @@ fn head(outcome: &DemoOutcome, result: &FitOutcome, report: &Report, renderings:
         numbers::tick(carrier.sample_height_mm),
         numbers::count(photographs),
         numbers::count(outcome.run.plan.poses.len()),
-        if result.lobes == 1 { "one lobe".into() } else { format!("{} lobes", result.lobes) },
-        result.method.title()
+        lobes_title(&result.options),
+        result.options.method.title()
     );
     let title = match renderings {
         [] => "A material, measured and fitted",
@@ -110,7 +115,8 @@ fn tiles(outcome: &DemoOutcome, result: &FitOutcome, report: &Report) -> String 
         (numbers::seconds(report.seconds()), format!("all stages, {} threads", report.machine.cores)),
         (numbers::bytes(report.peak_memory_bytes), "peak memory".into()),
         (numbers::significant(registration, 2), "texel, RMS registration error".into()),
-        (numbers::percent(truth::median(&result.errors)), "median relative RMS error of the fit".into()),
+        (numbers::percent(quantile(&result.errors, 0.5)), "median relative RMS error of the fit".into()),
+        (numbers::percent(quantile(&result.errors, 0.95)), "below which 95 % of the texels are".into()),
     ];
     let tile = |(value, label): &(String, String)| format!("<div><b>{value}</b><span>{label}</span></div>");
     format!("<div class=\"tiles\">{}</div>\n", tiles.iter().map(tile).collect::<String>())

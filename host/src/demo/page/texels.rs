@@ -5,7 +5,8 @@ use lobelia_hil_sim::optics::Material;
 use super::maps::{lobe_name, sorted_lobes};
 use super::pick::Chosen;
 use super::{hemisphere, pick, polar};
-use crate::demo::{DemoOutcome, FitOutcome};
+use crate::demo::DemoOutcome;
+use crate::demo::fits::FitOutcome;
 use crate::error::Result;
 use crate::page::{html, numbers};
 use crate::plan::choose::MAX_THETA_O_DEG;
@@ -23,7 +24,7 @@ pub(super) fn section(outcome: &DemoOutcome, result: &FitOutcome) -> Result<Stri
         "<p class=\"note\">Hemispheres: light at θ<sub>i</sub> = 30° (○), mirror direction (+), equal-area projection, the rim being the horizon; rings at 30° and 60°, dashed at {MAX_THETA_O_DEG:.0}°, beyond which nothing is measured. “Measured” takes the nearest of all samples in the bi-angular distance that counts reciprocal{} pairs as one.</p>\n",
         if outcome.run.plan.isotropic { ", turned and mirrored" } else { "" }
     );
-    let lead = "In two materials, the texel of median error away from the pattern’s edges: what was measured, what was fitted and what is true.";
+    let lead = "In two materials, the texel of median error among those inside, away from the pattern’s edges: what was measured, what was fitted and what is true.";
     Ok(html::section("texels", "Two texels closely", lead, &content))
 }
 

@@ -50,7 +50,7 @@ fn texture(sampled: &SampledSbrdf, pose: usize) -> Result<String> {
     };
     let (wi, wo) = pick::central_directions(sampled, pose);
     let caption = format!(
-        "Light at θ<sub>i</sub> = {}, φ<sub>i</sub> = {}; camera at θ<sub>o</sub> = {}. White is {} sr⁻¹.{missing}",
+        "<b>Pose {pose}</b>: light at θ<sub>i</sub> = {}, φ<sub>i</sub> = {}; camera at θ<sub>o</sub> = {}. White is {} sr⁻¹.{missing}",
         numbers::degrees(pick::polar(wi)),
         numbers::degrees(pick::azimuth(wi)),
         numbers::degrees(pick::polar(wo)),
