@@ -33,8 +33,11 @@ fn of(arguments: &[String], inputs: &[Input], epoch_s: Option<u64>) -> Texts {
     let mut texts = Texts::from([
         ("made.by".to_string(), format!("lobelia {}", env!("CARGO_PKG_VERSION"))),
         ("made.command".to_string(), command(arguments)),
-        ("made.inputs".to_string(), inputs.iter().filter_map(hash).collect::<Vec<_>>().join(", ")),
     ]);
+    let inputs: Vec<String> = inputs.iter().filter_map(hash).collect();
+    if !inputs.is_empty() {
+        texts.insert("made.inputs".into(), inputs.join(", "));
+    }
     texts.extend(epoch_s.map(|epoch_s| ("made.date".to_string(), date(epoch_s))));
     texts
 }

@@ -278,6 +278,7 @@ fn render_scene(args: &RenderArgs, seed: u64) -> Result<RenderOutcome> {
     }
     let views = views(&scene, args)?;
     for (camera, _) in &views {
+        camera.check()?;
         // Means and variances of a pixel, and the picture in the forms that it is written in.
         let pixels = u128::from(camera.width) * u128::from(camera.height);
         let what = format!("a picture of {} × {} pixels", camera.width, camera.height);

@@ -21,7 +21,7 @@ const ROWS_PER_STRIP: u16 = 278;
 const STRIP_BYTES: u16 = 279;
 
 /// Photometric interpretations: black is zero; colour filter array.
-const BLACK_IS_ZERO: u16 = 1;
+const BLACK_IS_ZERO: u32 = 1;
 const FILTER_ARRAY: u32 = 32803;
 
 /// Bytes of pixels that one byte of a compressed file can stand for: deflate reaches 1032 to 1, LZW less.
@@ -100,11 +100,13 @@ fn whole(bytes: &[u8], directory: &Directory<'_>) -> Result<Mosaic, String> {
     };
     let mut grey = bytes.to_vec();
     if directory.number(PHOTOMETRIC) == Some(FILTER_ARRAY)
-        && let Some(place) = directory.place(PHOTOMETRIC)
+        && let Some((size, _, place)) = directory.entry(PHOTOMETRIC)
     {
-        let value =
-            if directory.big_endian { BLACK_IS_ZERO.to_be_bytes() } else { BLACK_IS_ZERO.to_le_bytes() };
-        grey[place..place + 2].copy_from_slice(&value);
+        let mut value = BLACK_IS_ZERO.to_le_bytes()[..size].to_vec();
+        if directory.big_endian {
+            value.reverse();
+        }
+        grey[place..place + size].copy_from_slice(&value);
     }
     let mut limits = Limits::default();
     limits.decoding_buffer_size = bytes.len().saturating_mul(MOST_RATIO);
@@ -202,11 +204,6 @@ impl<'a> Directory<'a> {
         Some((size, count, if inside { entry + 8 } else { self.long(entry + 8)? as usize }))
     }
 
-    /// Where a tag's first number stands.
-    fn place(&self, tag: u16) -> Option<usize> {
-        self.entry(tag).map(|(.., place)| place).filter(|place| place + 2 <= self.bytes.len())
-    }
-
     /// A tag's first number.
     fn number(&self, tag: u16) -> Option<u32> {
         let (size, count, place) = self.entry(tag)?;
@@ -255,7 +252,7 @@ mod tests {
     fn a_mosaic_that_is_compressed_in_another_way_is_called_compressed() {
         assert!(read(&case("cfa-zstd.tif")).unwrap_err().contains("compressed by zstd, which is not read"));
         let mut packed = case("cfa-12bit.tif");
-        let at = |bytes: &[u8]| Directory::first(bytes).unwrap().place(COMPRESSION).unwrap();
+        let at = |bytes: &[u8]| Directory::first(bytes).unwrap().entry(COMPRESSION).unwrap().2;
         let place = at(&packed);
         packed[place] = 5;
         assert!(read(&packed).unwrap_err().contains("12-bit pixels are compressed by LZW"));
@@ -277,7 +274,7 @@ mod tests {
     #[test]
     fn a_packed_mosaic_that_its_file_cannot_hold_is_refused() {
         let mut bytes = case("cfa-12bit.tif");
-        let place = Directory::first(&bytes).unwrap().place(HEIGHT).unwrap();
+        let place = Directory::first(&bytes).unwrap().entry(HEIGHT).unwrap().2;
         bytes[place] = 200;
         assert!(read(&bytes).unwrap_err().contains("truncated"));
         let colour = read(&case("cfa.tif")).unwrap();
