@@ -329,8 +329,8 @@ pub(super) fn run(args: &FitArgs, context: &mut super::Context) -> Result<()> {
     Ok(())
 }
 
-/// What maps say of how they were made. Of a sampled SBRDF the hash is that of its size and poses: one of the samples would take a
-/// third of a fit's time.
+/// What maps say of how they were made. Of a sampled SBRDF the hash is that of its size and poses: for one of the samples each part
+/// of a fit would have to read them all.
 fn made(args: &FitArgs, report: &Report) -> Texts {
     let mut of_map = Report { inputs: Vec::new(), ..report.clone() };
     if let Some(input) = &args.input {
