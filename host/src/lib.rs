@@ -31,6 +31,7 @@ pub mod sampled;
 pub mod scene;
 pub mod synth;
 pub mod toml_file;
+pub mod warning;
 
 pub use error::{Error, Result};
 pub use lobelia_reflectance as reflectance;

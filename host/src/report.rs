@@ -11,6 +11,7 @@ use crate::error::{Error, Result};
 use crate::files;
 use crate::fit::figures::ErrorFigure;
 use crate::provenance;
+use crate::warning::Warning;
 
 /// What a command did, with what, how long it took and how wrong it is.
 #[derive(Debug, Clone, Serialize)]
@@ -37,6 +38,8 @@ pub struct Report {
     pub errors: Vec<ErrorFigure>,
     /// Counts and rates.
     pub figures: Map<String, Value>,
+    /// What a person needs to know before the result is trusted; each was told in a line of its own.
+    pub warnings: Vec<Warning>,
     /// Why the command failed; none when it did what it was asked for.
     pub failure: Option<String>,
 }
@@ -85,6 +88,7 @@ impl Report {
             peak_memory_bytes: 0,
             errors: Vec::new(),
             figures: Map::new(),
+            warnings: Vec::new(),
             failure: None,
         }
     }

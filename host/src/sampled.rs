@@ -12,7 +12,7 @@ use crate::reflectance::Rgb;
 mod store;
 mod zarr;
 
-pub use store::{Attributes, SampledStore, Window};
+pub use store::{Attributes, CLIPPED_KEY, SampledStore, Window, attributes_of};
 
 /// Where the light and the camera stood for one pose, in the sample's frame (origin at its centre, z outward).
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -27,6 +27,20 @@ pub struct PoseGeometry {
 }
 
 impl PoseGeometry {
+    /// Whether positions and weight are numbers.
+    pub fn is_known(&self) -> bool {
+        self.light_mm.is_finite() && self.camera_mm.is_finite() && !self.weight.is_nan()
+    }
+
+    /// The pose with which nothing that is not a number can be computed: one that is not known counts as one that was rejected, above the
+    /// sample.
+    #[must_use]
+    pub fn known(self) -> Self {
+        let placed = |place: DVec3| if place.is_finite() { place } else { DVec3::Z * 1000.0 };
+        let weight = if self.is_known() { self.weight } else { 0.0 };
+        Self { light_mm: placed(self.light_mm), camera_mm: placed(self.camera_mm), weight }
+    }
+
     /// Moves the camera to within about 6° of the mirror direction of the light, by as much as its own direction is off the normal.
     pub fn aim_at_highlight(&mut self) {
         let mirror = DVec3::new(-self.light_mm.x, -self.light_mm.y, self.light_mm.z);

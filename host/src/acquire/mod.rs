@@ -8,9 +8,12 @@ use std::time::Duration;
 
 use sha2::{Digest, Sha256};
 
+use crate::develop::frame::{self, RawFrame};
 use crate::error::{Error, Result};
 use crate::plan::Plan;
 use crate::rig::config::RigConfig;
+use crate::warning::frames;
+use crate::warning::samples::PoseSamples;
 use crate::{files, progress};
 
 pub mod journal;
@@ -44,12 +47,14 @@ pub struct RunFolder {
 }
 
 /// What a run cost.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct Acquired {
     /// Poses photographed now, not counting those of an earlier part of the run.
     pub poses: usize,
     /// The controller's time from power-up to the end, s.
     pub controller_s: f64,
+    /// How the samples of the poses photographed now fared, looked up where the motors have the sample.
+    pub samples: Vec<(usize, PoseSamples)>,
 }
 
 impl RunFolder {
@@ -146,9 +151,10 @@ pub fn sha256(bytes: &[u8]) -> String {
 /// # Errors
 /// Failures of the link, the rig, the camera or the disk. The journal holds what was done; `--resume` continues.
 pub fn run(run: &RunFolder, journal: &mut Journal, station: &mut Station) -> Result<Acquired> {
-    let mut steps = Steps { run, journal, station, taken: 0 };
+    let mut steps = Steps { run, journal, station, samples: Vec::new() };
     if run.finished() {
-        return Ok(Acquired { poses: 0, controller_s: steps.last_us() as f64 * 1e-6 });
+        let controller_s = steps.last_us() as f64 * 1e-6;
+        return Ok(Acquired { poses: 0, controller_s, samples: Vec::new() });
     }
     if let Err(error) = steps.all() {
         return Err(match steps.station.rest() {
@@ -158,7 +164,8 @@ pub fn run(run: &RunFolder, journal: &mut Journal, station: &mut Station) -> Res
             )),
         });
     }
-    Ok(Acquired { poses: steps.taken, controller_s: steps.station.clock_us()? as f64 * 1e-6 })
+    let controller_s = steps.station.clock_us()? as f64 * 1e-6;
+    Ok(Acquired { poses: steps.samples.len(), controller_s, samples: steps.samples })
 }
 
 /// The steps of one run and what they share.
@@ -166,7 +173,8 @@ struct Steps<'a> {
     run: &'a RunFolder,
     journal: &'a mut Journal,
     station: &'a mut Station,
-    taken: usize,
+    /// How the samples of each pose photographed now fared.
+    samples: Vec<(usize, PoseSamples)>,
 }
 
 impl Steps<'_> {
@@ -307,7 +315,6 @@ impl Steps<'_> {
         for index in first..count {
             check_interrupt()?;
             self.pose(index).map_err(|error| error.at(format!("pose {index}")))?;
-            self.taken += 1;
             bar.advance(1);
         }
         Ok(())
@@ -323,8 +330,26 @@ impl Steps<'_> {
             let shot = Shot { open_s, warm_lamp: true, angles, key: [1, index as u64, number as u64] };
             exposures.push(self.photograph(&file, &shot)?);
         }
+        let frames = exposures.iter().map(|exposure| frame::read(&self.run.path.join(&exposure.file)));
+        let frames = frames.collect::<Result<Vec<RawFrame>>>()?;
         let controller_us = self.station.clock_us()?;
-        self.journal.append(&Record::Pose { index, exposures, controller_us })
+        self.journal.append(&Record::Pose { index, exposures, controller_us })?;
+        self.count(index, &frames);
+        Ok(())
+    }
+
+    /// Counts the samples of a pose; says so when for the first time most of them are clipped, since a run takes hours.
+    fn count(&mut self, index: usize, frames: &[RawFrame]) {
+        const MOST: f64 = 0.5;
+        let counts = frames::samples(&self.run.rig, &self.run.plan.angles(index), frames);
+        let before = self.samples.iter().any(|(_, counts)| counts.clipped_share() > MOST);
+        if counts.clipped_share() > MOST && !before {
+            progress::note(&format!(
+                "pose {index}: {:.0} % of the sample is saturated in every exposure",
+                100.0 * counts.clipped_share()
+            ));
+        }
+        self.samples.push((index, counts));
     }
 
     fn photograph(&mut self, file: &str, shot: &Shot) -> Result<ExposureRecord> {

@@ -15,6 +15,8 @@ use crate::plan::Plan;
 use crate::rig::config::RigConfig;
 use crate::rig::trace::Recorder;
 use crate::rig::{RigClient, open_port};
+use crate::warning::directions;
+use crate::warning::samples::{self, Step};
 
 /// Arguments of `lobelia acquire`.
 #[derive(Debug, Args)]
@@ -72,6 +74,7 @@ pub(super) fn run(args: &AcquireArgs, context: &mut Context) -> Result<()> {
     if let Some(path) = &args.record {
         station.client.record(Recorder::create(path)?);
     }
+    context.warn(directions::of_plan(&run.rig, &run.plan));
     station::catch_interrupts();
     let acquired = context.report.stage("acquire", || acquire::run(&run, &mut journal, &mut station))?;
     context.report.figure("poses", acquired.poses);
@@ -81,6 +84,8 @@ pub(super) fn run(args: &AcquireArgs, context: &mut Context) -> Result<()> {
         "{path}: {} poses photographed, {:.0} s by the rig's clock",
         acquired.poses, acquired.controller_s
     );
+    context.report.figure(samples::BY_POSE, samples::by_pose(&acquired.samples));
+    context.warn(samples::warnings(Step::Acquire, &acquired.samples));
     Ok(())
 }
 

@@ -13,7 +13,9 @@ use crate::files;
 use crate::fit::figures::ErrorFigure;
 use crate::report::Report;
 use crate::rig::config::RigConfig;
-use crate::sampled::{Attributes, SampledSbrdf, Window};
+use crate::sampled::{Attributes, SampledSbrdf, Window, attributes_of};
+use crate::warning::directions;
+use crate::warning::samples::{self, Step};
 
 /// Arguments of `lobelia develop`.
 #[derive(Debug, Args)]
@@ -85,8 +87,8 @@ impl DevelopArgs {
         let mut texts = Attributes::new();
         if let Some(rig) = &rig {
             let text = toml::to_string(rig).map_err(|error| Error::failure(format!("the rig: {error}")))?;
-            texts.insert("developed_by_rig_toml".into(), text);
-            texts.insert("run_rig_toml".into(), files::read_text(&own)?);
+            texts.insert("developed_by_rig_toml".into(), text.into());
+            texts.insert("run_rig_toml".into(), files::read_text(&own)?.into());
         }
         let region =
             self.region.map(|Region([x, y, width, height])| Window { x: x..x + width, y: y..y + height });
@@ -100,17 +102,30 @@ pub(super) fn run(args: &DevelopArgs, context: &mut Context) -> Result<()> {
     SampledSbrdf::may_write_zarr(&args.output)?;
     context.report.input(&args.run.join(journal::FILE_NAME));
     args.rig.iter().for_each(|path| context.report.input(path));
-    let (options, mut texts) = args.options()?;
+    let (options, mut attributes) = args.options()?;
     let developed = context.report.stage("develop", || develop::run_with(&args.run, &options))?;
     tell(&developed, context);
     // The journal has times of its own, which a run that was interrupted has otherwise.
     let mut made = Report { inputs: Vec::new(), ..context.report.clone() };
     [PLAN_FILE, RIG_FILE].iter().for_each(|name| made.input(&args.run.join(name)));
     args.rig.iter().for_each(|path| made.input(path));
-    texts.extend(made.provenance());
-    context.report.stage("write", || developed.sampled.write_zarr_with(&args.output, &texts))?;
+    attributes.extend(attributes_of(made.provenance()));
+    attributes.extend(developed.attributes());
+    context.report.stage("write", || developed.sampled.write_zarr_with(&args.output, &attributes))?;
     sum_up(&developed, &args.output, context);
+    warn(&developed, context);
     Ok(())
+}
+
+/// Warns of samples that are of no use, and of poses that determine too little.
+fn warn(developed: &Developed, context: &mut Context) {
+    context.report.figure(samples::BY_POSE, samples::by_pose(&developed.samples));
+    context.warn(samples::warnings(Step::Develop, &developed.samples));
+    let seen = directions::of_poses(&developed.sampled.poses);
+    // Whether the material is isotropic only the fit is told.
+    let options = directions::by_default(true);
+    context.warn(directions::too_few(seen.len(), &options));
+    context.warn(directions::shape(&seen, options.isotropic));
 }
 
 /// Says what was left out, and why.

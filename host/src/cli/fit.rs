@@ -4,6 +4,7 @@ mod held_out;
 mod parts;
 mod pool;
 mod table;
+mod warnings;
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -25,6 +26,8 @@ use crate::provenance::Texts;
 use crate::reflectance::{SbrdfMap, albedo};
 use crate::report::Report;
 use crate::sampled::SampledStore;
+use crate::warning::samples::Tally;
+use crate::warning::{Warning, directions};
 
 /// Directional albedo from which on a texel counts as making light: the error of a measurement's scale and of sums is below.
 const MAKES_LIGHT: f32 = 1.02;
@@ -241,6 +244,8 @@ pub(super) struct FitOutcome {
     pub(super) errors: Vec<ErrorFigure>,
     /// Counts and rates.
     pub(super) figures: BTreeMap<String, serde_json::Value>,
+    /// What a person needs to know before the fit is trusted.
+    pub(super) warnings: Vec<Warning>,
 }
 
 fn parse_lobes(text: &str) -> std::result::Result<Lobes, String> {
@@ -326,6 +331,7 @@ pub(super) fn run(args: &FitArgs, context: &mut super::Context) -> Result<()> {
     let outcome = context.report.stage("fit", || fit_input(&args, seed))?;
     context.report.errors.extend(outcome.errors);
     context.report.figures.extend(outcome.figures);
+    context.warn(outcome.warnings);
     Ok(())
 }
 
@@ -405,13 +411,16 @@ fn fit_sampled(args: &FitArgs, input: &Path, seed: u64) -> Result<FitOutcome> {
         return parts::fit(&store, &options, part, held.as_ref(), output, &args.made);
     }
     if let Some(index) = &args.pool {
-        return pool::fit(args, &store, &options, index, held.as_ref(), seed);
+        let mut outcome = pool::fit(args, &store, &options, index, held.as_ref(), seed)?;
+        outcome.warnings.extend(directions::unknown_poses(&store.unknown_poses));
+        return Ok(outcome);
     }
     if args.device == DeviceName::Auto {
         options.device = gpu::faster(&store, &options)?;
     }
     let start = Instant::now();
-    let mut map = chunks::fit_store(&store, &options)?;
+    let tally = Tally::default();
+    let mut map = chunks::fit_store_counted(&store, &options, &tally)?;
     let seconds = start.elapsed().as_secs_f64();
     map.attributes.extend(args.made.clone());
     held.iter().for_each(|held| held.note(&mut map));
@@ -421,6 +430,8 @@ fn fit_sampled(args: &FitArgs, input: &Path, seed: u64) -> Result<FitOutcome> {
     }
     let mut outcome = sampled_outcome(&map, seconds);
     let held_out = held_out::judge(held.as_ref(), &store, &map, &mut outcome)?;
+    warnings::of_samples(&mut outcome, &store, tally);
+    warnings::of_fit(&mut outcome, &store, &map, &options)?;
     let (texels, poses) = (store.width * store.height, store.poses.len());
     let device = match options.device {
         Device::Cpu => String::new(),

@@ -8,6 +8,7 @@ use clap::{ArgMatches, Args, CommandFactory, FromArgMatches, Parser, Subcommand}
 
 use crate::error::{Error, Result};
 use crate::report::Report;
+use crate::warning::Warning;
 use crate::{files, progress};
 
 mod acquire;
@@ -49,7 +50,7 @@ struct Global {
     /// Threads to use; all cores when not given
     #[arg(long, global = true, value_name = "N")]
     threads: Option<usize>,
-    /// No progress bars and no notes
+    /// No progress bars, notes and warnings; the report has the warnings all the same
     #[arg(long, short, global = true)]
     quiet: bool,
     /// More notes on what is done
@@ -140,6 +141,14 @@ impl Context {
     fn note(&self, text: impl AsRef<str>) {
         if !self.quiet {
             eprintln!("{}", text.as_ref());
+        }
+    }
+
+    /// Tells warnings, one line each, and keeps them for the report.
+    fn warn(&mut self, warnings: impl IntoIterator<Item = Warning>) {
+        for warning in warnings {
+            self.note(format!("warning: {}", warning.text));
+            self.report.warnings.push(warning);
         }
     }
 

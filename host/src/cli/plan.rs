@@ -7,8 +7,10 @@ use clap::Args;
 use super::Context;
 use crate::error::Result;
 use crate::files;
-use crate::plan::{self, Extent, order};
+use crate::plan::{self, Extent, Plan, order};
 use crate::rig::config::RigConfig;
+use crate::warning::samples::{self, Step};
+use crate::warning::{directions, predicted};
 
 /// Arguments of `lobelia plan`.
 #[derive(Debug, Args)]
@@ -71,7 +73,16 @@ pub(super) fn run(args: &PlanArgs, context: &mut Context) -> Result<()> {
         plan.spacing_deg,
         duration(travel_s)
     );
+    warn(&rig, &plan, context);
     Ok(())
+}
+
+/// Warns of what can be told before anything is photographed.
+fn warn(rig: &RigConfig, plan: &Plan, context: &mut Context) {
+    let counts = predicted::samples(rig, plan);
+    context.report.figure(samples::BY_POSE, samples::by_pose(&counts));
+    context.warn(samples::warnings(Step::Plan, &counts));
+    context.warn(directions::of_plan(rig, plan));
 }
 
 /// A duration in the unit that suits it.

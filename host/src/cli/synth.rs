@@ -7,7 +7,7 @@ use clap::Args;
 use super::Context;
 use crate::error::{Error, Result};
 use crate::reflectance::{Brdf, SbrdfMap, materials};
-use crate::sampled::SampledSbrdf;
+use crate::sampled::{SampledSbrdf, attributes_of};
 use crate::synth::{self, Options};
 use crate::{files, memory};
 
@@ -58,7 +58,7 @@ pub(super) fn run(args: &SynthArgs, context: &mut Context) -> Result<()> {
     }
     let sampled = context.report.stage("sample", || sampled(&args.material, options))?;
     let texts = context.report.provenance();
-    context.report.stage("write", || sampled.write_zarr_with(&args.output, &texts))?;
+    context.report.stage("write", || sampled.write_zarr_with(&args.output, &attributes_of(texts)))?;
     context.report.figure("texels", sampled.texels());
     context.report.figure("poses", sampled.poses.len());
     println!(

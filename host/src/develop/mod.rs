@@ -15,7 +15,8 @@ use crate::memory;
 use crate::progress;
 use crate::rig::config::RigConfig;
 use crate::rig::geometry::pose_geometry;
-use crate::sampled::{PoseGeometry, SampledSbrdf, Window, texel_position_mm};
+use crate::sampled::{Attributes, CLIPPED_KEY, PoseGeometry, SampledSbrdf, Window, texel_position_mm};
+use crate::warning::samples::PoseSamples;
 
 pub mod camera;
 pub mod fiducials;
@@ -41,6 +42,8 @@ pub struct Developed {
     pub sampled: SampledSbrdf,
     /// How each pose was registered, or why it was rejected.
     pub registrations: Vec<std::result::Result<Registration, Unregistered>>,
+    /// How the samples of each registered pose fared.
+    pub samples: Vec<(usize, PoseSamples)>,
     /// What the rejected poses have in common, if that tells what went wrong.
     pub common_fault: Option<String>,
     /// Frames that were left out because they are damaged, and why.
@@ -56,6 +59,8 @@ pub(crate) struct PoseTexels {
     reflectance: Vec<f32>,
     /// Its standard deviation by shot and read noise, sr⁻¹.
     sigma: Vec<f16>,
+    /// How the samples fared.
+    counts: PoseSamples,
 }
 
 /// What to develop otherwise than a run's own files say.
@@ -110,13 +115,26 @@ pub fn run_with(folder: &Path, options: &Options) -> Result<Developed> {
     drop(bar);
 
     let sampled = assembled_part(config, &photographs.texels, &developed);
+    let registered = developed.iter().enumerate().filter(|(_, (_, registration, _))| registration.is_ok());
+    let samples = registered.map(|(pose, (_, _, texels))| (pose, texels.counts)).collect();
     let mut registrations: Vec<_> = developed.into_iter().map(|(_, registration, _)| registration).collect();
     let common_fault = shifted::explain(&photographs.run, &mut registrations)?;
     if let Some(why) = registrations.iter().all(|r| r.is_err()).then(|| registrations.first()).flatten() {
         let reason = why.as_ref().err().map_or("", |unregistered| &unregistered.why);
         return Err(Error::input(format!("no pose could be registered; pose 0: {reason}")));
     }
-    Ok(Developed { sampled, registrations, common_fault, left_out: photographs.left_out() })
+    Ok(Developed { sampled, registrations, samples, common_fault, left_out: photographs.left_out() })
+}
+
+impl Developed {
+    /// What the store of the samples says of them: the share that is clipped, a pose.
+    pub fn attributes(&self) -> Attributes {
+        let mut shares = vec![0.0; self.sampled.poses.len()];
+        for (pose, samples) in &self.samples {
+            shares[*pose] = samples.clipped_share();
+        }
+        Attributes::from([(CLIPPED_KEY.to_string(), shares.into())])
+    }
 }
 
 /// The poses as a sampled SBRDF.
@@ -288,8 +306,11 @@ impl Photographs {
                 let geometry =
                     pose_geometry(config, &registration::from_motors(config, &angles), angles.light);
                 let texels = self.texels.texels();
-                let unknown =
-                    PoseTexels { reflectance: vec![f32::NAN; 3 * texels], sigma: vec![f16::NAN; 3 * texels] };
+                let unknown = PoseTexels {
+                    reflectance: vec![f32::NAN; 3 * texels],
+                    sigma: vec![f16::NAN; 3 * texels],
+                    counts: PoseSamples::default(),
+                };
                 (PoseGeometry { weight: 0.0, ..geometry }, Err(why), unknown)
             }
         }
@@ -402,14 +423,22 @@ fn texel_reflectance(
     let (values, variances) = (BayerPlanes::new(mosaic), BayerPlanes::of_variance(mosaic));
     let (width, height) = (config.carrier.texels_across, config.carrier.texels_down());
     let count = 3 * window.texels();
-    let mut texels = PoseTexels { reflectance: Vec::with_capacity(count), sigma: Vec::with_capacity(count) };
+    let mut texels = PoseTexels {
+        reflectance: Vec::with_capacity(count),
+        sigma: Vec::with_capacity(count),
+        counts: PoseSamples::default(),
+    };
     for texel in window.y.clone().flat_map(|y| window.x.clone().map(move |x| y * width + x)) {
         let position: DVec3 = texel_position_mm(width, height, config.carrier.texel_mm(), texel);
         let pixel = registration.pixel(config, position.xy());
         let factor = reflectance::irradiance_factor(config, geometry, position);
-        texels.reflectance.extend(reflectance::reflectance(config, values.sample(pixel), factor));
+        let value = reflectance::reflectance(config, values.sample(pixel), factor);
         let deviation = variances.variance(pixel).map(f32::sqrt);
-        texels.sigma.extend(reflectance::reflectance(config, deviation, factor).map(f16::from_f32));
+        let deviation = reflectance::reflectance(config, deviation, factor);
+        let shown = factor > 0.0 && values.contains(pixel);
+        texels.counts.add(PoseSamples::of_one(value, deviation, shown));
+        texels.reflectance.extend(value);
+        texels.sigma.extend(deviation.map(f16::from_f32));
     }
     texels
 }

@@ -154,12 +154,12 @@ pub fn contradiction(
 }
 
 /// The value from which on a pixel counts as saturated.
-pub(super) fn saturation(camera: &Camera) -> u16 {
+pub(crate) fn saturation(camera: &Camera) -> u16 {
     (camera.black_level + SATURATION * camera.range()) as u16
 }
 
 /// Variance of one value without light: read noise and rounding.
-fn read_variance(camera: &Camera) -> f64 {
+pub(crate) fn read_variance(camera: &Camera) -> f64 {
     (camera.read_noise_e / camera.electrons_per_value).powi(2) + QUANTISATION
 }
 

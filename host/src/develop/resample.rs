@@ -35,6 +35,14 @@ impl BayerPlanes {
         Self { columns, rows, planes }
     }
 
+    /// Whether all neighbours of a point of the sensor in pixels are on it.
+    pub fn contains(&self, pixel: DVec2) -> bool {
+        OFFSETS.iter().all(|&(dx, dy)| {
+            let (x, y) = ((pixel.x - dx as f64) / 2.0, (pixel.y - dy as f64) / 2.0);
+            within(x.floor(), self.columns) && within(y.floor(), self.rows)
+        })
+    }
+
     /// Red, green and blue at a point of the sensor in pixels; NaN when the point is too near the edge or when a
     /// saturated pixel is among its neighbours.
     pub fn sample(&self, pixel: DVec2) -> [f32; 3] {
@@ -59,8 +67,7 @@ impl BayerPlanes {
     /// A sum over one plane with a function of Catmull–Rom's weights.
     fn bicubic(&self, plane: usize, x: f64, y: f64, weight: fn(f32) -> f32) -> f32 {
         let (left, top) = (x.floor(), y.floor());
-        let inside = |first: f64, count: usize| first >= 1.0 && first + 2.0 < count as f64;
-        if !(inside(left, self.columns) && inside(top, self.rows)) {
+        if !(within(left, self.columns) && within(top, self.rows)) {
             return f32::NAN;
         }
         let [wx, wy] = [x - left, y - top].map(|fraction| catmull_rom(fraction as f32).map(weight));
@@ -74,6 +81,11 @@ impl BayerPlanes {
             })
             .sum()
     }
+}
+
+/// Whether one neighbour before and two after a place in `count` are there.
+fn within(first: f64, count: usize) -> bool {
+    first >= 1.0 && first + 2.0 < count as f64
 }
 
 /// Catmull–Rom weights of the four neighbours for a fraction 0..1 between the middle two.

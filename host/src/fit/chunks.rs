@@ -17,6 +17,7 @@ use crate::error::{Error, Result};
 use crate::progress;
 use crate::reflectance::SbrdfMap;
 use crate::sampled::{SampledSbrdf, SampledStore, Window};
+use crate::warning::samples::Tally;
 
 /// Part `index` (from 1) of `count`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -67,16 +68,37 @@ pub fn fit_store(store: &SampledStore, options: &FitOptions) -> Result<SbrdfMap>
     fit_level(store, options, 0)
 }
 
+/// As [`fit_store`]; each block of samples that was read is counted.
+///
+/// # Errors
+/// As there.
+pub fn fit_store_counted(store: &SampledStore, options: &FitOptions, tally: &Tally) -> Result<SbrdfMap> {
+    fit_level_counted(store, options, 0, Some(tally))
+}
+
 /// Fits a MIP level of a store to the averaged samples of its texels ([`mip`]); level 0 is the store itself.
 ///
 /// # Errors
 /// As [`fit_store`].
 pub fn fit_level(store: &SampledStore, options: &FitOptions, level: u32) -> Result<SbrdfMap> {
+    fit_level_counted(store, options, level, None)
+}
+
+fn fit_level_counted(
+    store: &SampledStore,
+    options: &FitOptions,
+    level: u32,
+    tally: Option<&Tally>,
+) -> Result<SbrdfMap> {
     options.check()?;
     let size = mip::size([store.width, store.height], level);
     let blocks = Window::blocks(size, store.block_size());
     let read = |window: &Window| mip::read(store, level, window, options.weights == Weights::Sigma);
-    let row = fit_blocks(options, &blocks, read, |_| String::new())?.0;
+    let count = |sampled: &SampledSbrdf| {
+        tally.iter().for_each(|tally| tally.count(sampled));
+        String::new()
+    };
+    let row = fit_blocks(options, &blocks, read, count)?.0;
     let mut map = laid_out(size, &blocks, &[&row]);
     has_samples(&map)?;
     if level > 0 {
@@ -85,15 +107,19 @@ pub fn fit_level(store: &SampledStore, options: &FitOptions, level: u32) -> Resu
     Ok(map)
 }
 
-/// Fits a part of a store into a shard.
+/// Fits a part of a store into a shard; its samples are counted.
 ///
 /// # Errors
 /// As [`fit_store`]; and when there are more parts than blocks.
-pub fn fit_part(store: &SampledStore, options: &FitOptions, part: Part) -> Result<SbrdfMap> {
+pub fn fit_part(store: &SampledStore, options: &FitOptions, part: Part, tally: &Tally) -> Result<SbrdfMap> {
     options.check()?;
     let blocks = blocks_of(store, part)?;
     let read = |window: &Window| store.read(window, options.weights == Weights::Sigma);
-    let (mut shard, samples) = fit_blocks(options, &blocks, read, hash)?;
+    let counted_hash = |sampled: &SampledSbrdf| {
+        tally.count(sampled);
+        hash(sampled)
+    };
+    let (mut shard, samples) = fit_blocks(options, &blocks, read, counted_hash)?;
     let [columns, rows] = store.block_size();
     for (key, value) in [
         (PART, part.to_string()),
@@ -264,7 +290,7 @@ fn hash(sampled: &SampledSbrdf) -> String {
     hash
 }
 
-/// Fits blocks, a few at a time, into a map of one row; and the hash of their samples, each block's by `hash`.
+/// Fits blocks, a few at a time, into a map of one row; and the hash of their samples, each block's by `hash`, which sees every block once.
 fn fit_blocks(
     options: &FitOptions,
     blocks: &[Window],
@@ -413,7 +439,7 @@ mod tests {
         sampled().write_zarr(&path).unwrap();
         let store = SampledStore::open(&path).unwrap();
         let write = |index: usize| {
-            let shard = fit_part(&store, &OPTIONS_OF_CASE, Part { index, count }).unwrap();
+            let shard = fit_part(&store, &OPTIONS_OF_CASE, Part { index, count }, &Tally::default()).unwrap();
             let path = folder.path().join(format!("shard{index}.exr"));
             shard.write_exr(&path).unwrap();
             path
@@ -482,15 +508,22 @@ mod tests {
         assert!(refused(&double).contains("are both shard 2/3"));
         let other = folder.path().join("other.exr");
         let more = FitOptions { lobes: 0, ..OPTIONS_OF_CASE };
-        fit_part(&store, &more, Part { index: 3, count: 3 }).unwrap().write_exr(&other).unwrap();
+        fit_part(&store, &more, Part { index: 3, count: 3 }, &Tally::default())
+            .unwrap()
+            .write_exr(&other)
+            .unwrap();
         assert!(
             refused(&[shards[0].clone(), shards[1].clone(), other.clone()]).contains("different options")
         );
-        fit_part(&store, &OPTIONS_OF_CASE, Part { index: 2, count: 2 }).unwrap().write_exr(&other).unwrap();
+        fit_part(&store, &OPTIONS_OF_CASE, Part { index: 2, count: 2 }, &Tally::default())
+            .unwrap()
+            .write_exr(&other)
+            .unwrap();
         assert!(refused(&[shards[0].clone(), other.clone()]).contains("numbers of shards"));
         fit_store(&store, &OPTIONS_OF_CASE).unwrap().write_exr(&other).unwrap();
         assert!(refused(&[other]).contains("no shard of a fit"));
-        let many = fit_part(&store, &OPTIONS_OF_CASE, Part { index: 1, count: 7 }).unwrap_err();
+        let many =
+            fit_part(&store, &OPTIONS_OF_CASE, Part { index: 1, count: 7 }, &Tally::default()).unwrap_err();
         assert!(many.to_string().contains("6 chunks"), "{many}");
     }
 

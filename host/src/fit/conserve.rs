@@ -76,6 +76,15 @@ pub fn squares(brdf: &LobeBrdf, samples: &Samples) -> (f64, f64) {
     (error, whole)
 }
 
+/// The sum over samples and channels of the squared residual times the sample's weight.
+pub fn weighted_squares(brdf: &LobeBrdf, samples: &Samples) -> f64 {
+    let (point, turned) = (Point::from(brdf), Turned::new(f64::from(brdf.beta)));
+    let square = |(k, &rgb): (usize, &[f64; 3])| {
+        samples.weight[k] * (point.value(&turned, samples, k) - DVec3::from_array(rgb)).length_squared()
+    };
+    samples.rgb.iter().enumerate().map(square).sum()
+}
+
 /// A BRDF in f64, so that differences have digits.
 #[derive(Default)]
 struct Point {

@@ -43,6 +43,7 @@ use crate::error::{Error, Result};
 use crate::progress;
 use crate::reflectance::SbrdfMap;
 use crate::sampled::SampledSbrdf;
+use crate::warning;
 use extensions::Extensions;
 use separable::mirror::Mirror;
 use separable::uncertainty::Sigma;
@@ -366,7 +367,7 @@ impl FitOptions {
 }
 
 /// Fits every texel in parallel. Beside the coefficients the map has the planes `error.rms` (sr⁻¹), `error.relative` and
-/// `samples` (valid ones a texel), where any does not tell all of its shapes' coefficients `tied` ([`separable::prior`]: how many were not), where lobes are chosen and a mirror was met `mirror.R`, `.G`, `.B` and `mirror.poses` ([`separable::mirror`]), and after the separable fit a standard deviation a coefficient, `sigma.rho_d.R` and so on. Where the number of lobes is a choice, `lobes` has it and `lobes.doubtful` marks texels in which another would predict left-out poses almost as well. Unless albedos are free, `bounded` marks the texels
+/// `samples` (valid ones a texel), where any does not tell all of its shapes' coefficients `tied` ([`separable::prior`]: how many were not), where lobes are chosen and a mirror was met `mirror.R`, `.G`, `.B` and `mirror.poses` ([`separable::mirror`]), and after the separable fit a standard deviation a coefficient, `sigma.rho_d.R` and so on. Where the number of lobes is a choice, `lobes` has it and `lobes.doubtful` marks texels in which another would predict left-out poses almost as well. Where samples weigh by their standard deviations, `error.over_noise` is the residual's RMS over that of the noise. Unless albedos are free, `bounded` marks the texels
 /// that were changed so that they make no light and `error.bound_price` says by how much `error.relative` rose for it. The result is the same byte for byte whatever the number of threads.
 ///
 /// # Errors
@@ -538,6 +539,9 @@ fn map_of(sampled: &SampledSbrdf, options: &FitOptions, fits: &[TexelFit]) -> Sb
         plane("anisotropic", |fit| {
             f32::from(u8::from(fit.brdf.lobes.iter().any(|lobe| lobe.c.x != lobe.c.y)))
         });
+    }
+    if options.weights == Weights::Sigma {
+        plane(warning::texels::OVER_NOISE, |fit| fit.over_noise.unwrap_or(0.0) as f32);
     }
     if options.largest_albedo().is_some() {
         plane("bounded", |fit| f32::from(u8::from(fit.bound_price.is_some())));

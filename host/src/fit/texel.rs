@@ -6,6 +6,7 @@ use super::samples::{Samples, Target};
 use super::separable::mirror::Mirror;
 use super::separable::uncertainty::Sigma;
 use super::start::{Effort, Problem, Search};
+use super::weights::Weights;
 use super::{Diffuse, FitOptions, Method, albedo, conserve, diffuse, evaluate, line_search};
 use crate::reflectance::{LobeBrdf, Rgb, colour};
 
@@ -38,6 +39,9 @@ pub struct TexelFit {
     pub tied: usize,
     /// Whether the number of lobes was a choice and another would have predicted left-out poses almost as well.
     pub doubtful: bool,
+    /// The residual's RMS over that of the noise, both a sample and channel, with the unknowns counted out: 1 where noise explains it. None where the
+    /// samples do not weigh by their standard deviations.
+    pub over_noise: Option<f64>,
     /// By how much `relative` rose where the fit had to be changed so that it makes no light; none where it did not.
     pub bound_price: Option<f64>,
 }
@@ -92,12 +96,32 @@ pub fn fit(workspace: &mut Workspace, options: &FitOptions) -> TexelFit {
         mirror: None,
         tied: 0,
         doubtful: false,
+        over_noise: None,
         bound_price: None,
     };
     if let Some(limit) = options.largest_albedo() {
         hold(&mut fit, &workspace.samples, options, limit);
     }
+    if options.weights == Weights::Sigma {
+        let weighted = conserve::weighted_squares(&fit.brdf, &workspace.samples);
+        fit.over_noise = over_noise(weighted, count, &fit.brdf, options);
+    }
     fit
+}
+
+/// The root of a sum of squared residuals over σ, by what noise makes of it with the unknowns of a BRDF; none without more values than unknowns.
+pub(super) fn over_noise(
+    weighted: f64,
+    samples: usize,
+    brdf: &LobeBrdf,
+    options: &FitOptions,
+) -> Option<f64> {
+    let groups = if options.separate_channels { 3 } else { 1 };
+    let amplitudes = 3 * (1 + brdf.lobes.len() / groups);
+    // Of the unknowns of one channel ρ_d and ρ_s are amplitudes.
+    let of_shapes = unknowns(brdf.lobes.len(), options) - 1 - brdf.lobes.len();
+    let free = (3 * samples).checked_sub(amplitudes + of_shapes).filter(|&free| free > 0)?;
+    Some((weighted / free as f64).sqrt())
 }
 
 /// Fits a texel with a directional albedo above `limit` again so that it has none, and measures its error again.
@@ -117,10 +141,15 @@ fn hold(fit: &mut TexelFit, samples: &Samples, options: &FitOptions, limit: f64)
 
 /// The lobes asked for, or as many as `count` samples can tell apart.
 pub(super) fn affordable_lobes(count: usize, options: &FitOptions) -> usize {
+    (0..=options.lobes).rev().find(|&lobes| lobes == 0 || count > unknowns(lobes, options)).unwrap_or(0)
+}
+
+/// Unknowns of one channel of a texel with so many lobes: ρ_d, and of each lobe ρ_s, the direction of C and n; β of anisotropic ones, and what the
+/// options have beyond.
+pub fn unknowns(lobes: usize, options: &FitOptions) -> usize {
     let [more, more_a_lobe] = options.extensions.unknowns();
     let per_lobe = more_a_lobe + if options.isotropic { 3 } else { 4 };
-    let unknowns = |lobes: usize| 1 + lobes * per_lobe + usize::from(!options.isotropic) + more;
-    (0..=options.lobes).rev().find(|&lobes| lobes == 0 || count > unknowns(lobes)).unwrap_or(0)
+    1 + lobes * per_lobe + usize::from(!options.isotropic) + more
 }
 
 /// The diffuse term a channel where it is not fitted with the lobes. A percentile says what lies below the lobes; without

@@ -20,7 +20,7 @@ pub fn irradiance(config: &RigConfig, angles: &MotorAngles, channel: usize) -> f
 
 /// The brightest reflectance that the pose may show, sr⁻¹: the operator's brightest near the mirror direction, falling to
 /// ten times the darkest away from it, and raised toward grazing where lobes grow.
-fn brightest_expected(config: &RigConfig, angles: &MotorAngles) -> f64 {
+pub(crate) fn brightest_expected(config: &RigConfig, angles: &MotorAngles) -> f64 {
     let (wi, wo) = directions(config, angles);
     let off_mirror = (wi + wo).normalize().z.clamp(-1.0, 1.0).acos().to_degrees();
     let (dark, bright) = (config.exposure.darkest_reflectance, config.exposure.brightest_reflectance);

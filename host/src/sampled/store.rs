@@ -29,6 +29,9 @@ const LAYOUT_KEY: &str = "lobelia_layout";
 /// Attribute of a store that is a part of a sample: from the sample's centre to the part's, texels along x and y.
 const OFFSET_KEY: &str = "offset_texels";
 
+/// Attribute of a developed store: for each pose the share of its samples that are saturated in every exposure, which are NaN.
+pub const CLIPPED_KEY: &str = "clipped_by_pose";
+
 /// Version of the layout.
 const LAYOUT: u64 = 1;
 
@@ -98,8 +101,13 @@ impl SampledSbrdf {
     }
 }
 
-/// Texts of a store's root that say where it comes from, by name.
-pub type Attributes = BTreeMap<String, String>;
+/// What a store's root says of where it comes from, by name.
+pub type Attributes = BTreeMap<String, serde_json::Value>;
+
+/// Texts as attributes.
+pub fn attributes_of(texts: BTreeMap<String, String>) -> Attributes {
+    texts.into_iter().map(|(name, text)| (name, text.into())).collect()
+}
 
 /// Columns and rows of a sample.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -152,8 +160,12 @@ pub struct SampledStore {
     pub texel_mm: f64,
     /// From the sample's centre to that of the store, texels along x and y.
     pub offset_texels: DVec2,
-    /// Geometry a pose.
+    /// Geometry a pose; nothing of it is NaN.
     pub poses: Vec<PoseGeometry>,
+    /// The poses of which light, camera or weight are not known (NaN): their weight is 0.
+    pub unknown_poses: Vec<usize>,
+    /// Share of each pose's samples that are saturated in every exposure, where the store says so ([`CLIPPED_KEY`]).
+    pub clipped: Option<Vec<f64>>,
 }
 
 impl SampledStore {
@@ -239,7 +251,7 @@ impl SampledStore {
 fn write_store(
     sampled: &SampledSbrdf,
     path: &Path,
-    texts: &Attributes,
+    more: &Attributes,
 ) -> std::result::Result<(), Box<dyn std::error::Error>> {
     let store = Arc::new(FilesystemStore::new(path)?);
     let mut root = GroupBuilder::new().build(store.clone(), "/")?;
@@ -250,7 +262,7 @@ fn write_store(
     if sampled.offset_texels != DVec2::ZERO {
         attributes.insert(OFFSET_KEY.into(), sampled.offset_texels.to_array().to_vec().into());
     }
-    attributes.extend(texts.iter().map(|(name, text)| (name.clone(), text.as_str().into())));
+    attributes.extend(more.iter().map(|(name, value)| (name.clone(), value.clone())));
     root.store_metadata()?;
 
     let poses = sampled.poses.len();
@@ -374,19 +386,35 @@ fn open_store(path: &Path) -> std::result::Result<SampledStore, String> {
             weight[pose]
         ));
     }
+    let clipped = attribute(CLIPPED_KEY).map(|value| clipped_shares(value, poses)).transpose()?;
     let pose = |pose: usize| {
         let [light_mm, camera_mm] = [&light, &camera].map(|places| DVec3::from_slice(&places[3 * pose..]));
-        let known = light_mm.is_finite() && camera_mm.is_finite() && !weight[pose].is_nan();
-        // Of a pose that is not known nothing may be computed: it counts as one that was rejected.
-        let placed = |place: DVec3| if place.is_finite() { place } else { DVec3::Z * 1000.0 };
-        PoseGeometry {
-            light_mm: placed(light_mm),
-            camera_mm: placed(camera_mm),
-            weight: if known { weight[pose] } else { 0.0 },
-        }
+        PoseGeometry { light_mm, camera_mm, weight: weight[pose] }
     };
-    let poses = (0..poses).map(pose).collect();
-    Ok(SampledStore { path: path.to_path_buf(), array, sigma, width, height, texel_mm, offset_texels, poses })
+    let poses: Vec<PoseGeometry> = (0..poses).map(pose).collect();
+    let unknown_poses = (0..poses.len()).filter(|&pose| !poses[pose].is_known()).collect();
+    Ok(SampledStore {
+        path: path.to_path_buf(),
+        array,
+        sigma,
+        width,
+        height,
+        texel_mm,
+        offset_texels,
+        poses: poses.into_iter().map(PoseGeometry::known).collect(),
+        unknown_poses,
+        clipped,
+    })
+}
+
+/// The attribute with the share of the samples of each pose that are saturated in every exposure.
+fn clipped_shares(value: &serde_json::Value, poses: usize) -> std::result::Result<Vec<f64>, String> {
+    let shares: Option<Vec<f64>> = serde_json::from_value(value.clone()).ok();
+    shares
+        .filter(|shares| shares.len() == poses && shares.iter().all(|share| (0.0..=1.0).contains(share)))
+        .ok_or_else(|| {
+            format!("its attribute {CLIPPED_KEY} is not a share of 0 to 1 for each of {poses} poses")
+        })
 }
 
 fn read_small<const N: usize>(
@@ -472,7 +500,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("part.zarr");
         let part = SampledSbrdf { offset_texels: DVec2::new(2.5, -1.0), ..example() };
-        let texts = Attributes::from([("rig_toml".to_string(), "[camera]\n".to_string())]);
+        let texts = Attributes::from([("rig_toml".to_string(), "[camera]\n".into())]);
         part.write_zarr_with(&path, &texts).unwrap();
         assert_eq!(SampledSbrdf::read_zarr(&path).unwrap(), part);
         let root: serde_json::Value =
@@ -551,7 +579,7 @@ mod tests {
     fn a_pose_whose_light_is_not_known_has_no_weight_and_nothing_of_it_is_nan() {
         let store = SampledStore::open(&case("light-nan.zarr")).unwrap();
         let without: Vec<usize> = (0..store.poses.len()).filter(|&k| store.poses[k].weight == 0.0).collect();
-        assert_eq!(without.len(), 1);
+        assert_eq!((without.len(), &store.unknown_poses), (1, &without));
         assert!(store.poses.iter().all(|pose| pose.light_mm.is_finite() && pose.camera_mm.is_finite()));
     }
 
@@ -563,6 +591,25 @@ mod tests {
             let error = SampledStore::open(&path).map(|_| ()).unwrap_err();
             assert!(error.exit_code() == 2 && error.to_string().contains(part), "{error}");
         }
+    }
+
+    #[test]
+    fn the_shares_of_clipped_samples_are_read_back_and_wrong_ones_refused() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("sampled.zarr");
+        let write = |shares: serde_json::Value| {
+            let more = Attributes::from([(CLIPPED_KEY.to_string(), shares)]);
+            example().write_zarr_with(&path, &more).unwrap();
+            SampledStore::open(&path).map(|store| store.clipped)
+        };
+        let shares = [0.0, 0.57, 0.0, 1.0, 0.25];
+        assert_eq!(write(shares.to_vec().into()).unwrap(), Some(shares.to_vec()));
+        for wrong in [vec![0.0; 4], vec![2.0; 5]] {
+            let error = write(wrong.into()).unwrap_err();
+            assert!(error.exit_code() == 2 && error.to_string().contains(CLIPPED_KEY), "{error}");
+        }
+        example().write_zarr(&path).unwrap();
+        assert_eq!(SampledStore::open(&path).unwrap().clipped, None);
     }
 
     #[test]

@@ -4,7 +4,8 @@ use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use super::{
-    FitArgs, FitOutcome, held_out, output, print, sampled_options, sampled_outcome, write_levels, write_map,
+    FitArgs, FitOutcome, Tally, held_out, output, print, sampled_options, sampled_outcome, warnings,
+    write_levels, write_map,
 };
 use crate::error::{Error, Result};
 use crate::files;
@@ -50,7 +51,8 @@ pub(super) fn fit(
         return Ok(outcome);
     }
     let start = Instant::now();
-    let mut shard = chunks::fit_part(store, options, part)?;
+    let tally = Tally::default();
+    let mut shard = chunks::fit_part(store, options, part, &tally)?;
     shard.attributes.extend(made.clone());
     held.iter().for_each(|held| held.note(&mut shard));
     write_map(&shard, output)?;
@@ -58,6 +60,7 @@ pub(super) fn fit(
     outcome.figures.insert("texels".into(), shard.width.into());
     outcome.figures.insert("texels_per_second".into(), (shard.width as f64 / seconds.max(1e-9)).into());
     print(&format!("{}: shard {part}, {} texels: {seconds:.1} s\n", output.display(), shard.width))?;
+    warnings::of_samples(&mut outcome, store, tally);
     Ok(outcome)
 }
 
@@ -102,6 +105,10 @@ pub(super) fn merge(args: &FitArgs, seed: u64) -> Result<FitOutcome> {
         Some(store) => held_out::judge(held.as_ref(), store, &map, &mut outcome)?,
         None => String::new(),
     };
+    warnings::of_texels(&mut outcome, &map);
+    if let Some(store) = &store {
+        warnings::of_poses(&mut outcome, store, &map)?;
+    }
     let (file, shards) = (output.display(), args.merge.len());
     let residuals = outcome.residuals();
     print(&format!("{file}: {} texels of {shards} shards\n{residuals}{held_out}", map.width * map.height))?;

@@ -25,6 +25,8 @@ pub struct Poses {
 impl Poses {
     /// The arrays for a list of poses.
     pub fn new(poses: &[PoseGeometry]) -> Self {
+        // A direction that is no number would spoil all sums, whatever it weighs.
+        let poses: Vec<PoseGeometry> = poses.iter().map(|pose| pose.known()).collect();
         let padded = poses.len().next_multiple_of(LANES);
         let list = |value: &dyn Fn(&PoseGeometry) -> f64, filling: f64| {
             let mut list: Vec<f64> = poses.iter().map(value).collect();

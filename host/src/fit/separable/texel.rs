@@ -5,7 +5,7 @@ use pulp::WithSimd;
 
 use super::super::model::Model;
 use super::super::samples::Samples;
-use super::super::texel::{TexelFit, affordable_lobes};
+use super::super::texel::{TexelFit, affordable_lobes, over_noise};
 use super::super::weights::Weights;
 use super::super::{Diffuse, FitOptions, Residual, diffuse};
 use super::bank::Bank;
@@ -74,22 +74,22 @@ impl WithSimd for Aim<'_> {
     }
 }
 
-/// Sums of squares of the residuals and of the samples, as vector code.
+/// Sums of squares of the residuals, of the samples and of the weighted residuals, as vector code.
 struct Squares<'a>(&'a Solver, &'a Amplitudes, &'a [usize], Layout);
 
 impl WithSimd for Squares<'_> {
-    type Output = (f64, f64);
+    type Output = [f64; 3];
     #[inline(always)]
-    fn with_simd<S: pulp::Simd>(self, _: S) -> (f64, f64) {
+    fn with_simd<S: pulp::Simd>(self, _: S) -> [f64; 3] {
         let Self(solver, at, channels, layout) = self;
         let (data, columns) = (&solver.data, &solver.columns);
         let count = data.len();
         let root = &data.root[..count];
-        let (mut error, mut whole) = (0.0, 0.0);
+        let mut all = [0.0; 3];
         for (place, &channel) in channels.iter().enumerate() {
             let values = &data.rgb[channel][..count];
             let goal = &data.goal[place][..count];
-            let mut sums = [[0.0; 8]; 2];
+            let mut sums = [[0.0; 8]; 3];
             for start in (0..count).step_by(8) {
                 let mut rest = [0.0; 8];
                 rest.copy_from_slice(&goal[start..start + 8]);
@@ -107,12 +107,12 @@ impl WithSimd for Squares<'_> {
                     let off = rest[lane] / weight;
                     sums[0][lane] += off * off;
                     sums[1][lane] += values[k] * values[k];
+                    sums[2][lane] += rest[lane] * rest[lane];
                 }
             }
-            error += sums[0].iter().sum::<f64>();
-            whole += sums[1].iter().sum::<f64>();
+            all.iter_mut().zip(&sums).for_each(|(all, sum)| *all += sum.iter().sum::<f64>());
         }
-        (error, whole)
+        all
     }
 }
 
@@ -225,7 +225,7 @@ impl Workspace {
         let fixed = self.fixed_diffuse(options);
         let mut brdf = LobeBrdf { rho_d: fixed.map_or(Rgb::ZERO, rgb), ..LobeBrdf::default() };
         let mut sigma = Sigma::default();
-        let (mut error, mut whole, mut free_error) = (0.0, 0.0, 0.0);
+        let (mut sums, mut free_error) = ([0.0; 3], 0.0);
         let (mut tied, mut bounded, mut doubtful) = (0, false, false);
         for (place, channels) in channel_groups(options).iter().enumerate() {
             let whole_task = self.aim(options, channels);
@@ -236,7 +236,7 @@ impl Workspace {
                 });
             }
             doubtful |= std::mem::take(&mut self.doubtful);
-            let free = self.squares(task, &model, channels).0;
+            let free = self.squares(task, &model, channels)[0];
             if let Some(bound) = self.bound(options, channels) {
                 if let Some(held) = self.bounded(whole_task, (task, &model), bound) {
                     ((task, model), bounded) = (held, true);
@@ -260,14 +260,18 @@ impl Workspace {
             let of_group = uncertainty::sigma(&self.solver, task.family, task.diffuse, &model, &at);
             sigma.take(channels, of_group, model.beta);
             let squares = self.squares(task, &model, channels);
-            (error, whole, free_error) = (error + squares.0, whole + squares.1, free_error + free);
+            sums.iter_mut().zip(squares).for_each(|(sum, square)| *sum += square);
+            free_error += free;
         }
+        let [error, whole, weighted] = sums;
         if !options.choose && !options.separate_channels {
             sigma.lobes.resize(options.lobes, uncertainty::untold(&self.solver));
         }
         let valid = self.solver.data.valid;
         let share = |error: f64| if whole > 0.0 { (error / whole).sqrt() } else { 0.0 };
+        let by_sigma = options.weights == Weights::Sigma;
         TexelFit {
+            over_noise: by_sigma.then(|| over_noise(weighted, valid, &brdf, options)).flatten(),
             brdf,
             rms: (error / (3 * valid).max(1) as f64).sqrt(),
             relative: share(error),
@@ -280,8 +284,8 @@ impl Workspace {
         }
     }
 
-    /// Sums of squares of the residuals and of the samples, sr⁻².
-    fn squares(&mut self, task: Task, model: &Model, channels: &[usize]) -> (f64, f64) {
+    /// Sums of squares of the residuals and of the samples, sr⁻², and of the weighted residuals.
+    fn squares(&mut self, task: Task, model: &Model, channels: &[usize]) -> [f64; 3] {
         let at = self.solver.evaluate(task.family, task.diffuse, model);
         let layout = self.solver.layout(task.family, task.diffuse, model);
         self.solver.arch.dispatch(Squares(&self.solver, &at, channels, layout))

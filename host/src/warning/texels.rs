@@ -1,0 +1,123 @@
+//! Texels of a fitted map that a person should look at: too few valid samples, and residuals that the noise does not explain.
+
+use super::{Kind, Warning, percent};
+use crate::fit::FitOptions;
+use crate::fit::texel::unknowns;
+use crate::reflectance::SbrdfMap;
+
+/// Plane of a map: the residual's RMS over the noise's ([`crate::fit::texel::TexelFit::over_noise`]).
+pub const OVER_NOISE: &str = "error.over_noise";
+
+/// A residual is not explained when it is more than so many times its noise, and more than this share of the samples' RMS: below that, registration,
+/// lamp and geometry, of which σ knows nothing, explain it.
+const TIMES: f32 = 3.0;
+const SHARE: f32 = 0.1;
+/// More than this share of the texels is told; edges of a pattern, where light of two materials mixes, stay below.
+const MOST_TEXELS: f64 = 0.1;
+
+/// Edge of the blocks by which a place in the image is told.
+const BLOCK: usize = 16;
+
+/// The texels of a map with a residual that their noise does not explain; none where noise was not known.
+pub fn unexplained(map: &SbrdfMap) -> Option<Vec<bool>> {
+    let (over_noise, relative) = (map.extra.get(OVER_NOISE)?, map.extra.get("error.relative")?);
+    Some(over_noise.iter().zip(relative).map(|(&times, &share)| times > TIMES && share > SHARE).collect())
+}
+
+/// Warns where noise does not explain the residual of many texels.
+pub fn unexplained_warning(map: &SbrdfMap) -> Option<Warning> {
+    let flags = unexplained(map)?;
+    let count = flags.iter().filter(|&&flag| flag).count();
+    let share = count as f64 / flags.len().max(1) as f64;
+    if share <= MOST_TEXELS {
+        return None;
+    }
+    let text = format!(
+        "{count} of {} texels ({}) have a residual that their noise does not explain, {}: photographs that do not fit together, or a material \
+         that is no sum of so few lobes; see the channel {OVER_NOISE}",
+        flags.len(),
+        percent(share),
+        place(map, &flags)
+    );
+    Some(Warning { texels: Some(count), ..Warning::new(Kind::UnexplainedTexels, text) })
+}
+
+/// Warns of texels that have valid samples, but too few for the lobes that were asked for.
+pub fn few_samples(map: &SbrdfMap, options: &FitOptions) -> Option<Warning> {
+    let needed = unknowns(options.lobes, options);
+    let flags: Vec<bool> =
+        map.extra.get("samples")?.iter().map(|&count| count > 0.0 && count as usize <= needed).collect();
+    let count = flags.iter().filter(|&&flag| flag).count();
+    if count == 0 {
+        return None;
+    }
+    let lobes = if options.lobes == 1 { "1 lobe".into() } else { format!("{} lobes", options.lobes) };
+    let text = format!(
+        "{count} of {} texels have no more valid samples than {lobes} have unknowns ({needed}) and got fewer lobes, {}; see the channel samples",
+        flags.len(),
+        place(map, &flags)
+    );
+    Some(Warning { texels: Some(count), ..Warning::new(Kind::FewPoses, text) })
+}
+
+/// Where in the image most of the marked texels lie.
+fn place(map: &SbrdfMap, flags: &[bool]) -> String {
+    let across = map.width.div_ceil(BLOCK);
+    let mut counts = vec![0usize; across * map.height.div_ceil(BLOCK)];
+    for (index, _) in flags.iter().enumerate().filter(|(_, flag)| **flag) {
+        counts[index / map.width / BLOCK * across + index % map.width / BLOCK] += 1;
+    }
+    let densest = (0..counts.len()).rev().max_by_key(|&block| counts[block]).unwrap_or(0);
+    let (left, top) = (densest % across.max(1) * BLOCK, densest / across.max(1) * BLOCK);
+    let (right, bottom) = ((left + BLOCK).min(map.width) - 1, (top + BLOCK).min(map.height) - 1);
+    format!("most in columns {left} to {right}, rows {top} to {bottom}")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// 40 × 20 texels, those of the first `bad` columns with a residual of so many times the noise and this share of the samples.
+    fn map(bad: usize, times: f32, share: f32) -> SbrdfMap {
+        let mut map = SbrdfMap::new(40, 20, 1);
+        let plane = |value: f32, else_value: f32| -> Vec<f32> {
+            (0..800).map(|index| if index % 40 < bad { value } else { else_value }).collect()
+        };
+        map.extra.insert(OVER_NOISE.into(), plane(times, 1.0));
+        map.extra.insert("error.relative".into(), plane(share, 0.02));
+        map
+    }
+
+    #[test]
+    fn many_texels_above_their_noise_are_told_with_number_and_place_and_few_are_not() {
+        let found = unexplained_warning(&map(12, 8.0, 0.3)).unwrap();
+        assert_eq!((found.kind, found.texels), (Kind::UnexplainedTexels, Some(240)));
+        assert!(
+            found.text.contains("240 of 800") && found.text.contains("columns 0 to 15, rows 0 to 15"),
+            "{}",
+            found.text
+        );
+        for quiet in [map(2, 8.0, 0.3), map(12, 2.0, 0.3), map(12, 8.0, 0.05), SbrdfMap::new(40, 20, 1)] {
+            assert_eq!(unexplained_warning(&quiet), None);
+        }
+    }
+
+    #[test]
+    fn texels_with_no_more_samples_than_unknowns_are_told_and_those_without_any_are_not() {
+        let options = FitOptions { lobes: 2, ..FitOptions::default() };
+        let with = |count: f32| {
+            let mut map = SbrdfMap::new(20, 20, 2);
+            let samples = (0..400).map(|index| if index == 399 { count } else { 80.0 }).collect();
+            map.extra.insert("samples".into(), samples);
+            few_samples(&map, &options)
+        };
+        assert_eq!((with(80.0), with(8.0), with(0.0)), (None, None, None));
+        let found = with(7.0).unwrap();
+        assert_eq!((found.kind, found.texels), (Kind::FewPoses, Some(1)));
+        assert!(
+            found.text.contains("2 lobes have unknowns (7)") && found.text.contains("columns 16 to 19"),
+            "{}",
+            found.text
+        );
+    }
+}
