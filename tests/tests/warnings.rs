@@ -6,9 +6,10 @@ use std::fs;
 use std::path::Path;
 
 use glam::DVec3;
-use lobelia::plan::Plan;
+use lobelia::plan::{Plan, exposure};
 use lobelia::reflectance::SbrdfMap;
 use lobelia::rig::config::RigConfig;
+use lobelia::rig::geometry::MotorAngles;
 use lobelia::sampled::SampledSbrdf;
 use lobelia_tests::command::run;
 use lobelia_tests::small;
@@ -69,7 +70,7 @@ fn a_good_run_is_not_warned_of_from_plan_to_fit_and_the_report_has_the_shares_by
 fn overexposed_photographs_are_told_by_acquire_develop_and_fit_with_the_worst_poses() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path();
-    planned(path, 60.0);
+    planned(path, 12.0);
     for arguments in [&ACQUIRE[..], &DEVELOP, &FIT] {
         let (kinds, lines, report) = warned(path, arguments);
         assert_eq!(kinds.first().map(String::as_str), Some("clipped"), "{arguments:?}: {lines:?}");
@@ -85,42 +86,52 @@ fn overexposed_photographs_are_told_by_acquire_develop_and_fit_with_the_worst_po
     }
 }
 
+/// A black velvet beside tags that are well exposed.
 #[test]
-fn underexposed_photographs_are_told_by_acquire_develop_and_fit() {
+fn a_sample_too_dark_for_its_exposures_is_told_by_acquire_develop_and_fit() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path();
     let rig = planned(path, 1.0);
     let mut plan = Plan::read(&path.join("plan.toml"), &rig).unwrap();
-    plan.poses.iter_mut().for_each(|pose| pose.exposures_s = vec![rig.camera.min_exposure_s]);
+    plan.poses.iter_mut().for_each(|pose| pose.exposures_s = vec![0.01]);
     plan.write(&path.join("plan.toml")).unwrap();
-    for arguments in [&ACQUIRE[..], &DEVELOP, &FIT] {
+    let black =
+        "pattern = { kind = \"stripes\", width_mm = 4.0 }\n[[material]]\nrho_d = [1e-4, 1e-4, 1e-4]\n";
+    fs::write(path.join("black.toml"), black).unwrap();
+    let acquire = [&ACQUIRE[..], &["--material", "black.toml"]].concat();
+    for arguments in [&acquire[..], &DEVELOP, &FIT] {
         let (kinds, lines, _) = warned(path, arguments);
-        assert!(kinds.iter().any(|kind| kind == "starved"), "{arguments:?}: {lines:?}");
+        assert!(has(&kinds, "starved") && !has(&kinds, "clipped"), "{arguments:?}: {lines:?}");
     }
 }
 
+fn has(kinds: &[String], kind: &str) -> bool {
+    kinds.iter().any(|other| other == kind)
+}
+
 #[test]
-fn a_rig_that_only_moves_in_a_plane_and_a_few_poses_are_told_before_the_run() {
+fn poses_in_a_plane_and_few_poses_are_told_before_the_run_and_after_it() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path();
-    let mut rig = small::rig(24);
-    for axis in [&mut rig.axes.tilt, &mut rig.axes.roll] {
-        (axis.min_deg, axis.max_deg) = (-0.5, 0.5);
-    }
-    let mut plan = small::plan(&small::rig(24), 12);
+    let rig = small::rig(24);
+    let mut plan = small::plan(&rig, 12);
     for (k, pose) in plan.poses.iter_mut().enumerate() {
-        (pose.pan_deg, pose.tilt_deg, pose.roll_deg) = (k as f64 * 9.0 - 50.0, 0.0, 0.0);
+        let (pan_deg, light) = (5.0 + 3.0 * k as f64, 20.0 + 10.0 * (k % 3) as f64);
+        (pose.pan_deg, pose.tilt_deg, pose.roll_deg) = (pan_deg, 0.0, 0.0);
+        pose.light_deg = pan_deg + light;
+        pose.exposures_s = exposure::predict(&rig, &MotorAngles::from_degrees(pose.degrees()));
     }
     small::write_inputs(path, &rig, &plan);
-    let (kinds, lines, _) = warned(path, &ACQUIRE);
-    assert_eq!(kinds, ["few_poses", "shape"], "{lines:?}");
-    assert!(lines[0].contains("12 poses") && lines[1].contains("in one plane"), "{lines:?}");
-    let (kinds, lines, _) = warned(path, &DEVELOP);
-    assert_eq!(kinds, ["few_poses", "shape"], "{lines:?}");
+    for arguments in [&ACQUIRE[..], &DEVELOP, &FIT] {
+        let (kinds, lines, _) = warned(path, arguments);
+        let lines = lines.concat();
+        assert!(has(&kinds, "shape") && lines.contains("in one plane"), "{arguments:?}: {lines}");
+        // The fit is of two lobes, for which 12 poses are enough.
+        assert_eq!(has(&kinds, "few_poses"), arguments != FIT, "{arguments:?}: {lines}");
+    }
     let few = ["plan", "rig.toml", "--budget", "5", "-o", "few.toml"];
-    small::write_inputs(path, &small::rig(24), &plan);
     let (kinds, lines, _) = warned(path, &few);
-    assert_eq!(kinds, ["few_poses"], "{lines:?}");
+    assert!(has(&kinds, "few_poses") && lines.concat().contains("5 poses"), "{lines:?}");
 }
 
 /// Zarr stores f64 as they are in memory: the file of a chunk can be changed in place where it is not compressed.
@@ -148,27 +159,34 @@ fn spoilt_poses_of_a_measured_store_are_named_and_one_without_a_place_is_left_ou
     let (kinds, lines, _) = warned(path, &FIT);
     assert!(kinds.is_empty(), "{lines:?}");
 
-    // The light of pose 9 stood elsewhere than is said: of that no tag tells.
-    let mut elsewhere = clean.clone();
-    let light = &mut elsewhere.poses[9].light_mm;
-    *light = DVec3::new(-light.y, light.x, light.z) * 0.8;
-    elsewhere.write_zarr(&sampled).unwrap();
+    // The light of pose 9 stood nearer than is said, at 0.8 of its distance: of that no tag tells.
+    let mut nearer = clean.clone();
+    let span = 3 * clean.poses.len();
+    for texel in 0..clean.texels() {
+        nearer.reflectance[texel * span + 27..texel * span + 30].iter_mut().for_each(|f| *f /= 0.64);
+    }
+    nearer.write_zarr(&sampled).unwrap();
     let (kinds, lines, report) = warned(path, &FIT);
     assert_eq!(kinds, ["outstanding_pose"], "{lines:?}");
-    assert!(lines[0].contains("pose 9 (") && report["warnings"][0]["poses"][0] == 9, "{lines:?}");
+    assert!(lines[0].contains("pose 9 (") && lines[0].contains("brighter than the fit"), "{lines:?}");
+    assert_eq!(report["warnings"][0]["poses"], serde_json::json!([9]));
 
-    // Without a place the pose is left out, and the map is that of the others.
+    // Without a place the pose is left out, and the fit is as good as that of the others.
     let mut without = clean.clone();
     without.poses[9].weight = 0.0;
     without.write_zarr(&sampled).unwrap();
     assert!(warned(path, &FIT).0.is_empty());
-    let expected = SbrdfMap::read_exr(&path.join("material.exr")).unwrap();
+    let residuals =
+        || SbrdfMap::read_exr(&path.join("material.exr")).unwrap().extra["error.relative"].clone();
+    let expected = residuals();
     clean.write_zarr(&sampled).unwrap();
     set_light(&sampled, 9, DVec3::NAN);
     let (kinds, lines, _) = warned(path, &FIT);
     assert_eq!(kinds, ["unknown_pose"], "{lines:?}");
     assert!(lines[0].starts_with("pose 9 is left out"), "{lines:?}");
-    assert!(SbrdfMap::read_exr(&path.join("material.exr")).unwrap() == expected);
+    let found = residuals();
+    let off = expected.iter().zip(&found).filter(|(a, b)| (*a - *b).abs() > 1e-3).count();
+    assert!(100 * off <= found.len(), "{off} of {} texels are fitted otherwise", found.len());
 }
 
 /// Photographs that are all shifted against each other by another distance: nothing but the residual tells.
@@ -192,9 +210,10 @@ fn photographs_that_do_not_fit_together_leave_texels_that_noise_does_not_explain
     }
     shifted.write_zarr(&path.join("sampled.zarr")).unwrap();
     let (kinds, lines, report) = warned(path, &FIT);
-    assert_eq!(kinds, ["unexplained_texels"], "{lines:?}");
-    assert!(lines[0].contains("error.over_noise") && lines[0].contains("most in columns"), "{lines:?}");
-    assert!(report["warnings"][0]["texels"].as_u64().unwrap() > 100);
+    assert!(has(&kinds, "unexplained_texels"), "{lines:?}");
+    let of_texels = lines.iter().find(|line| line.contains("error.over_noise")).unwrap();
+    assert!(of_texels.contains("most in columns"), "{of_texels}");
+    assert!(report["figures"]["texels_unexplained"].as_u64().unwrap() > 100);
     let map = SbrdfMap::read_exr(&path.join("material.exr")).unwrap();
     assert_eq!(map.extra["error.over_noise"].len(), side * side);
 }

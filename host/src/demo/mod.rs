@@ -160,7 +160,7 @@ pub fn run(folder: &Path, settings: &Settings, report: &mut Report) -> Result<De
 
     let developed = report.stage("develop", || -> Result<Developed> {
         let developed = develop::run(&run_folder)?;
-        developed.sampled.write_zarr(&folder.join("sampled.zarr"))?;
+        developed.sampled.write_zarr_with(&folder.join("sampled.zarr"), &developed.attributes())?;
         Ok(developed)
     })?;
 

@@ -105,7 +105,7 @@ mod tests {
     #[test]
     fn a_lamp_too_bright_or_too_dark_for_the_camera_s_exposures_is_told_before_the_run() {
         let mut rig = RigConfig::default();
-        rig.lamp.radiance = [60_000.0; 3];
+        rig.lamp.radiance = [1e7; 3];
         let plan = plan::make(&rig, Extent::Budget(30), true, 1).unwrap();
         assert_eq!(kinds(&rig, &plan), [Kind::Clipped]);
         rig.lamp.radiance = [0.01; 3];

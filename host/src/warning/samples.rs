@@ -240,7 +240,7 @@ mod tests {
         let found = warnings(Step::Develop, &counts);
         assert_eq!((found.len(), found[0].kind, &found[0].poses), (1, Kind::Clipped, &vec![40, 7]));
         assert!(
-            found[0].text.contains("2.0 % of all, most in poses 40 (99 %) and 7 (57 %)"),
+            found[0].text.contains("2.1 % of all, most in poses 40 (99 %) and 7 (57 %)"),
             "{}",
             found[0].text
         );
