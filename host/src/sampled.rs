@@ -146,6 +146,21 @@ mod tests {
     use super::*;
 
     #[test]
+    fn a_pose_that_is_not_known_weighs_nothing_and_holds_no_nan_and_a_known_one_stays_as_it_is() {
+        let known = PoseGeometry { light_mm: DVec3::X, camera_mm: DVec3::Y, weight: 0.5 };
+        assert_eq!(known.known(), known);
+        for unknown in [
+            PoseGeometry { light_mm: DVec3::new(1.0, f64::NAN, 2.0), ..known },
+            PoseGeometry { camera_mm: DVec3::INFINITY, ..known },
+            PoseGeometry { weight: f64::NAN, ..known },
+        ] {
+            let pose = unknown.known();
+            assert!(!unknown.is_known() && pose.weight == 0.0);
+            assert!(pose.light_mm.is_finite() && pose.camera_mm.is_finite());
+        }
+    }
+
+    #[test]
     fn row_zero_lies_on_the_plus_y_edge_and_columns_run_along_x() {
         let first = texel_position_mm(4, 2, 0.5, 0);
         assert_eq!(first, DVec3::new(-0.75, 0.25, 0.0));
