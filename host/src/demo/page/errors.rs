@@ -69,7 +69,7 @@ fn capitalised(text: &str) -> String {
     letters.next().map(|first| first.to_uppercase().chain(letters).collect()).unwrap_or_default()
 }
 
-/// The compared fits, those of one lobe and the others, all on the same axes.
+/// The compared fits, those of one lobe and the others, all by the same errors, each row by its own counts.
 fn histograms(outcome: &DemoOutcome) -> String {
     let fits: Vec<(&FitOutcome, Vec<f32>)> = (outcome.fits.compared().into_iter())
         .map(|(_, fit)| (fit, fit.errors_in(&outcome.fits.window)))
@@ -77,10 +77,15 @@ fn histograms(outcome: &DemoOutcome) -> String {
     let all: Vec<f32> = fits.iter().flat_map(|(_, errors)| errors.iter().copied()).collect();
     let scale = Scale::of(&all, 0.002, 0.998, true).rounded();
     let counted = |errors: &[f32]| Histogram::new(errors.iter().map(|&e| f64::from(e)), &scale, BINS);
-    let most = fits.iter().map(|(_, errors)| counted(errors).most()).max().unwrap_or(1);
-    let axes = Axes { scale: &scale, most, x: "relative RMS error", y: "texels", label: numbers::percent };
-    let figure = |(fit, errors): &(&FitOutcome, Vec<f32>)| {
+    let figure = |(fit, errors): &(&FitOutcome, Vec<f32>), highest: usize| {
         let [median, most] = [0.5, 0.95].map(|share| quantile(errors, share));
+        let axes = Axes {
+            scale: &scale,
+            most: highest,
+            x: "relative RMS error",
+            y: "texels",
+            label: numbers::percent,
+        };
         let caption = format!(
             "<b>{}</b>: median {}, 95 % of the texels below {}; {} µs a texel",
             fit_name(fit),
@@ -91,8 +96,10 @@ fn histograms(outcome: &DemoOutcome) -> String {
         html::figure(&axes.draw(&counted(errors), median, &fit_name(fit)), &caption)
     };
     let group = |title: &str, one: bool| {
-        let chosen = fits.iter().filter(|(fit, _)| (fit.options.lobes == 1) == one);
-        format!("<h3>{title}</h3>\n<div class=\"four\">{}</div>\n", chosen.map(figure).collect::<String>())
+        let chosen = || fits.iter().filter(|(fit, _)| (fit.options.lobes == 1) == one);
+        let highest = chosen().map(|(_, errors)| counted(errors).most()).max().unwrap_or(1);
+        let figures: String = chosen().map(|fit| figure(fit, highest)).collect();
+        format!("<h3>{title}</h3>\n<div class=\"four\">{figures}</div>\n")
     };
     group("One lobe", true) + &group("Two lobes and more", false)
 }
@@ -108,7 +115,7 @@ fn methods(outcome: &DemoOutcome) -> Table {
     let materials = fits.result.errors_by_material(&fits.window).len();
     let mut table = Table::new(["method", "µs a texel", "median, %", "95 %", "99 %", "worst, %"]);
     if materials > 1 {
-        table.columns.extend((0..materials).map(|number| format!("median of material {number}, %")));
+        table.columns.extend((0..materials).map(|number| format!("material {number}: median, %")));
     }
     for (name, fit) in fits.compared() {
         let errors = fit.errors_in(&fits.window);

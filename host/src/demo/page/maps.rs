@@ -17,7 +17,13 @@ pub(super) fn section(fits: &Fits) -> Result<String> {
     );
     for (rank, lobes) in ranked_lobes(map).iter().enumerate() {
         let name = lobe_name(rank, map.lobes.len());
-        content += &format!("<h3>{name}</h3>\n<div class=\"four\">{}</div>\n", lobe_maps(map.width, lobes)?);
+        let figures = lobe_maps(map.width, lobes)?;
+        let class = match figures.matches("<figure>").count() {
+            4 => "four",
+            5 => "five",
+            _ => "three",
+        };
+        content += &format!("<h3>{name}</h3>\n<div class=\"{class}\">{figures}</div>\n");
     }
     content +=
         &format!("<h3>What the fit says of itself</h3>\n<div class=\"four\">{}</div>\n", own_doubts(map)?);
@@ -139,12 +145,15 @@ fn counted(name: &str, map: &SbrdfMap, channel: &str) -> Result<String> {
     Ok(html::figure(&html::picture(&png, channel, "texels"), &caption))
 }
 
-/// A map of standard deviations on a logarithmic scale; nothing where none is stated.
+/// A map of standard deviations as shares of their values, on a logarithmic scale that ends where nothing is known; nothing where
+/// none is stated.
 fn deviations(name: &str, width: usize, values: &[f32]) -> Result<String> {
     if !values.iter().any(|value| value.is_finite()) {
         return Ok(String::new());
     }
-    scalars(name, "", width, values, Scale::of(values, 0.01, 0.99, true), ColourMap::Viridis)
+    let Scale { low, high, .. } = Scale::of(values, 0.01, 0.99, true);
+    let scale = Scale::log(low.min(0.5), high.min(1.0));
+    scalars(name, "", width, values, scale, ColourMap::Viridis)
 }
 
 /// What the lobe of a rank is called.

@@ -115,8 +115,11 @@ fn tiles(outcome: &DemoOutcome, result: &FitOutcome, report: &Report) -> String 
         (numbers::seconds(report.seconds()), format!("all stages, {} threads", report.machine.cores)),
         (numbers::bytes(report.peak_memory_bytes), "peak memory".into()),
         (numbers::significant(registration, 2), "texel, RMS registration error".into()),
-        (numbers::percent(quantile(&result.errors, 0.5)), "median relative RMS error of the fit".into()),
-        (numbers::percent(quantile(&result.errors, 0.95)), "below which 95 % of the texels are".into()),
+        (
+            numbers::percent(quantile(&result.errors, 0.5)),
+            "relative RMS error of the fit, median of the texels".into(),
+        ),
+        (numbers::percent(quantile(&result.errors, 0.95)), "the same, 95th percentile".into()),
     ];
     let tile = |(value, label): &(String, String)| format!("<div><b>{value}</b><span>{label}</span></div>");
     format!("<div class=\"tiles\">{}</div>\n", tiles.iter().map(tile).collect::<String>())

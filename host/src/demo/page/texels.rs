@@ -24,7 +24,7 @@ pub(super) fn section(outcome: &DemoOutcome, result: &FitOutcome) -> Result<Stri
         "<p class=\"note\">Hemispheres: light at θ<sub>i</sub> = 30° (○), mirror direction (+), equal-area projection, the rim being the horizon; rings at 30° and 60°, dashed at {MAX_THETA_O_DEG:.0}°, beyond which nothing is measured. “Measured” takes the nearest of all samples in the bi-angular distance that counts reciprocal{} pairs as one.</p>\n",
         if outcome.run.plan.isotropic { ", turned and mirrored" } else { "" }
     );
-    let lead = "In two materials, the texel of median error among those inside, away from the pattern’s edges: what was measured, what was fitted and what is true.";
+    let lead = "The glossiest and the mattest of the materials that are wide enough to have texels away from the pattern’s edges; of those texels the one of median error: what was measured, what was fitted and what is true.";
     Ok(html::section("texels", "Two texels closely", lead, &content))
 }
 
