@@ -13,6 +13,7 @@ use crate::plan::Plan;
 use crate::rig::config::RigConfig;
 use crate::{files, progress};
 
+mod check;
 pub mod journal;
 mod judge;
 #[cfg(feature = "sim")]
@@ -143,7 +144,8 @@ pub fn sha256(bytes: &[u8]) -> String {
 /// # Errors
 /// Failures of the link, the rig, the camera or the disk. The journal holds what was done; `--resume` continues.
 pub fn run(run: &RunFolder, journal: &mut Journal, station: &mut Station) -> Result<Acquired> {
-    let mut steps = Steps { run, journal, station, taken: 0 };
+    let checked = check::checked(&run.records);
+    let mut steps = Steps { run, journal, station, taken: 0, checked };
     if run.finished() {
         return Ok(Acquired { poses: 0, controller_s: steps.last_us() as f64 * 1e-6 });
     }
@@ -164,6 +166,8 @@ struct Steps<'a> {
     journal: &'a mut Journal,
     station: &'a mut Station,
     taken: usize,
+    /// Poses that the last check found good.
+    checked: usize,
 }
 
 impl Steps<'_> {
@@ -288,16 +292,16 @@ impl Steps<'_> {
     }
 
     fn poses(&mut self) -> Result<()> {
-        let recorded = self.run.records.iter().filter_map(|record| match record {
-            Record::Pose { index, .. } => Some(*index),
-            _ => None,
-        });
-        let first = recorded.max().map_or(0, |last| last + 1);
+        let first = check::first_left(&self.run.records);
         if first > 0 {
             // From the last pose on, everything happens as if the run had never been broken off.
             self.station.client.move_to(self.run.rig.steps(self.run.plan.poses[first - 1].degrees()))?;
             let time = self.last_us();
             self.catch_up(Some(time));
+        }
+        // Broken off before its check.
+        if self.check_is_due(first) && self.checked < first {
+            self.check(first)?;
         }
         let count = self.run.plan.poses.len();
         let bar = progress::bar("acquiring", (count - first) as u64, "poses");
@@ -306,6 +310,9 @@ impl Steps<'_> {
             self.pose(index).map_err(|error| error.at(format!("pose {index}")))?;
             self.taken += 1;
             bar.advance(1);
+            if self.check_is_due(index + 1) {
+                self.check(index + 1)?;
+            }
         }
         Ok(())
     }
