@@ -118,6 +118,14 @@ pub struct Options<B: Board> {
     pub watchdog: Option<&'static mut (dyn Watchdog + Send)>,
     /// What the last crash left behind.
     pub crash: Option<CrashRecord>,
+    /// High: the lamp's fan runs.
+    pub fan: Option<B::Output>,
+    /// Changes at each poll, every millisecond at least, while the controller is well: it feeds a retriggerable monostable whose output
+    /// lets the lamp's relay close, so that the lamp goes out when the program hangs, however it hangs.
+    pub heartbeat: Option<B::Output>,
+    /// Steps a second that the board makes in time, all axes together; parameters that ask for more are refused. Nothing where steps
+    /// cost no time.
+    pub most_steps_per_s: Option<u32>,
 }
 
 /// A timer that resets the board unless it is fed in time.
@@ -137,6 +145,9 @@ impl<B: Board> Default for Options<B> {
             emergency_stop: None,
             watchdog: None,
             crash: None,
+            fan: None,
+            heartbeat: None,
+            most_steps_per_s: None,
         }
     }
 }

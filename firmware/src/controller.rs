@@ -15,7 +15,7 @@ use lobelia_protocol::{
     Status, ToController,
 };
 
-use crate::board::{AxisPins, Board, Options, Peripherals, PinFailure};
+use crate::board::{AxisPins, Board, Options, Peripherals, PinFailure, set};
 use crate::homing::{Homing, Purpose};
 use crate::lamp::Lamp;
 use crate::link::Link;
@@ -38,9 +38,9 @@ enum Task {
     /// Axes brake, or go on to new targets; then all move to them.
     Turn { targets: [i32; AXES] },
     /// Drivers are set up; then axes search for their switches.
-    BeginHoming(Purpose),
-    /// Axes search for their switches.
-    Home(Purpose, [Option<Homing>; AXES]),
+    BeginHoming(Purpose, [bool; AXES]),
+    /// Axes search for their switches: those that were chosen, one group of the order after the other.
+    Home(Purpose, [bool; AXES], [Option<Homing>; AXES]),
     /// Axes have come to rest, after a move or else after a search that found something, and settle.
     Settle { until_us: u64, found: Option<Answer> },
     /// The shutter rests, or the camera isn't ready yet; is looked at again at `look_us`.
@@ -81,6 +81,8 @@ impl From<PinFailure> for Trouble {
 
 /// While axes move the controller does more than steps at least this often, in µs.
 const POLL_EVERY_US: u64 = 500;
+/// While no axis moves and a homing waits for its switch to be steady, it looks this often, in µs.
+const LOOK_EVERY_US: u64 = 100;
 
 /// The controller of a rig.
 pub struct Controller<B: Board> {
@@ -106,6 +108,9 @@ pub struct Controller<B: Board> {
     /// Axis parameters for the next configuration.
     prepared: [Option<AxisParameters>; AXES],
     watch: Watch,
+    /// What the fan and the heartbeat were told last.
+    fan_runs: bool,
+    beat: bool,
     /// When the last request or hello came.
     heard_us: u64,
 }
@@ -120,16 +125,21 @@ impl<B: Board> Controller<B> {
     pub fn with_options(peripherals: Peripherals<B>, options: Options<B>) -> Self {
         let mut options = options;
         let stored = options.storage.as_mut().and_then(|storage| storage::load(&mut **storage));
-        let configuration = stored.filter(|stored| parameters::validate(stored).is_ok());
+        let most = options.most_steps_per_s;
+        let configuration = stored.filter(|stored| parameters::validate(stored, most).is_ok());
         let Peripherals { axes, steps, shutter, lamp, lamp_level, photodiode, emergency_stop, link } =
             peripherals;
         let mut number = 0..;
         let [pan, tilt, roll, light] = axes.map(|AxisPins { direction, enable, home }| {
             (AxisDrive::new(number.next().unwrap_or(0), direction, enable), home)
         });
+        let mut pulses = Pulses::new(steps, [pan.1, tilt.1, roll.1, light.1]);
+        if let Some(Configuration { settings, .. }) = &configuration {
+            pulses.trains.set_timing(settings.pulse_us, settings.direction_setup_us);
+        }
         Self {
             axes: [pan.0, tilt.0, roll.0, light.0],
-            pulses: B::Pulses::keep(Pulses::new(steps, [pan.1, tilt.1, roll.1, light.1])),
+            pulses: B::Pulses::keep(pulses),
             now_us: 0,
             step_us: None,
             poll_us: None,
@@ -145,6 +155,8 @@ impl<B: Board> Controller<B> {
             refused: 0,
             prepared: [None; AXES],
             watch: Watch::default(),
+            fan_runs: false,
+            beat: false,
             heard_us: 0,
         }
     }
@@ -159,13 +171,14 @@ impl<B: Board> Controller<B> {
 
     /// When [`Self::poll`] has to be called next where an interrupt makes the steps, as [`Self::next_event_us`] where none does.
     pub fn next_poll_us(&self) -> u64 {
-        self.poll_us.unwrap_or_else(|| self.task_us().min(self.lease_end_us()).min(self.watch.next_us()))
+        let idle = || self.task_us().min(self.lease_end_us()).min(self.watch.next_us());
+        self.poll_us.unwrap_or_else(idle).min(self.lamp_us())
     }
 
     /// When something is due for the task other than motion.
     fn task_us(&self) -> u64 {
         match self.running.as_ref().map(|running| &running.task) {
-            Some(Task::BeginHoming(_)) => 0,
+            Some(Task::BeginHoming(..)) => 0,
             Some(Task::Settle { until_us, .. }) => *until_us,
             Some(Task::AwaitCamera { look_us, .. }) => *look_us,
             Some(Task::Expose { .. }) => self.shutter.next_us(),
@@ -178,8 +191,9 @@ impl<B: Board> Controller<B> {
         let task = self.running.as_ref().map(|running| &running.task);
         let ought = matches!(task, Some(Task::Move { .. } | Task::Turn { .. } | Task::Home(..) | Task::Stop));
         if !self.axes.iter().any(AxisDrive::moving) {
+            let soon = if matches!(task, Some(Task::Home(..))) { LOOK_EVERY_US } else { 1 };
             let pulses_end = self.step_us.is_some();
-            return (ought || pulses_end).then_some(now_us + if ought { 1 } else { POLL_EVERY_US });
+            return (ought || pulses_end).then_some(now_us + if ought { soon } else { POLL_EVERY_US });
         }
         let pulses = &mut self.pulses;
         let axes_us = self.axes.iter().map(|axis| axis.next_us(pulses, now_us)).min().unwrap_or(u64::MAX);
@@ -195,22 +209,19 @@ impl<B: Board> Controller<B> {
     #[inline]
     pub fn tick(&mut self, now_us: u64) {
         self.now_us = now_us;
-        if self.poll_us.is_some_and(|poll_us| now_us < poll_us) {
-            let (next, tripped) = self.pulses.with(|pulses| (pulses.step(now_us as u32), pulses.tripped()));
-            self.step_us = next;
-            if !tripped {
-                return;
-            }
+        // Steps before all else: what a packet takes to decode must not delay them.
+        let (next, tripped) = self.pulses.with(|pulses| (pulses.step(|| now_us as u32), pulses.tripped()));
+        self.step_us = next;
+        if tripped || self.poll_us.is_none() || now_us >= self.next_poll_us() {
+            self.poll(now_us);
         }
-        self.poll(now_us);
     }
 
-    /// Does all there is to do at `now_us`, which never goes back; looks for bytes too.
+    /// Does all there is to do at `now_us` except steps; looks for bytes too. The time never goes back, and is that of the clock by
+    /// which steps are made.
     pub fn poll(&mut self, now_us: u64) {
         let in_time = now_us.saturating_sub(self.next_poll_us()) <= LATE_US;
         self.now_us = now_us;
-        // Steps before bytes: what a packet takes to decode must not delay them.
-        self.pulses.with(|pulses| pulses.step(now_us as u32));
         if self.options.emergency_stop.is_some_and(EmergencyStop::take) {
             self.raise(now_us, Fault::EmergencyStop, None);
         }
@@ -220,10 +231,11 @@ impl<B: Board> Controller<B> {
             Err(PinFailure) => self.raise(now_us, Fault::Hardware, None),
         }
         self.mind_temperature(now_us);
-        // And the shutter.
+        // The shutter and the axes before bytes.
         if let Some(running) = self.running.take() {
             self.go_on(now_us, running);
         }
+        self.plan_ahead(now_us);
         while let Some(packet) = self.link.receive() {
             match packet {
                 ToController::Hello(hello) => {
@@ -242,20 +254,28 @@ impl<B: Board> Controller<B> {
             }
         }
         self.take_turns(now_us);
-        if now_us >= self.lease_end_us() {
-            self.expire(now_us);
-        }
+        self.mind_times(now_us);
+        self.mind_fan(now_us);
         self.tell(now_us);
         // A board whose pins fail, or that steps too late, is better off with a reset, which puts pins to their safe state.
-        if let Some(watchdog) = &mut self.options.watchdog
-            && in_time
-            && !self.safety.faults().contains(Fault::Hardware)
-        {
-            watchdog.feed();
+        if in_time && !self.safety.faults().contains(Fault::Hardware) {
+            self.show_life();
         }
         self.link.flush();
-        self.step_us = self.pulses.with(|pulses| pulses.trains.next_us());
+        self.step_us = self.pulses.with(|pulses| pulses.next_us());
         self.poll_us = self.motion_us(now_us);
+    }
+
+    /// Feeds what takes the controller for dead otherwise: the watchdog, and what holds the lamp's supply.
+    fn show_life(&mut self) {
+        if let Some(watchdog) = &mut self.options.watchdog {
+            watchdog.feed();
+        }
+        if let Some(heartbeat) = &mut self.options.heartbeat {
+            self.beat = !self.beat;
+            // A pulse less and the lamp goes out, which is all that could be done.
+            let _ = set(heartbeat, self.beat);
+        }
     }
 
     /// Ends what a host began that is no longer there.
@@ -319,9 +339,9 @@ impl<B: Board> Controller<B> {
 
     fn advance(&mut self, now_us: u64, task: &mut Task) -> Result<Option<Outcome>, (Fault, Option<Axis>)> {
         match task {
-            Task::BeginHoming(purpose) => {
-                let purpose = *purpose;
-                return self.home_on(now_us, task, purpose);
+            Task::BeginHoming(purpose, axes) => {
+                let (purpose, axes) = (*purpose, *axes);
+                return self.home_on(now_us, task, purpose, axes);
             }
             Task::AwaitCamera { look_us, until_us, duration_us, warm_lamp } => {
                 let awaited = (*until_us, *duration_us, *warm_lamp);
@@ -363,17 +383,29 @@ impl<B: Board> Controller<B> {
                     self.start_move(now_us, &configuration, targets).map_err(|_| (Fault::Hardware, None))?;
                 None
             }
-            Task::Stop => Some(Outcome::Refused(self.safety.check().err().unwrap_or(Refusal::Stopped))),
+            Task::Stop => {
+                // A homing that was stopped still watches its switches.
+                self.pulses.with(|pulses| (0..AXES).for_each(|axis| pulses.look_away(axis)));
+                Some(Outcome::Refused(self.safety.check().err().unwrap_or(Refusal::Stopped)))
+            }
             Task::Move { settle_ms } => {
+                if let Some(axis) = self.lost_driver() {
+                    return Err((Fault::DriverLost, Some(axis)));
+                }
                 *task = Task::Settle { until_us: now_us + u64::from(*settle_ms) * 1000, found: None };
                 None
             }
-            Task::Home(purpose, searches) => {
+            Task::Home(purpose, axes, searches) => {
+                let Some(configuration) = self.configuration else { return Ok(None) };
+                let begun = self.home_next(now_us, &configuration, *purpose, *axes, searches);
+                if begun.map_err(|_| (Fault::Hardware, None))? {
+                    return Ok(None);
+                }
                 let found = Some(self.found(*purpose, searches));
                 *task = Task::Settle { until_us: now_us + self.longest_settling_us(), found };
                 None
             }
-            Task::BeginHoming(_) | Task::Settle { .. } | Task::AwaitCamera { .. } | Task::Expose { .. } => {
+            Task::BeginHoming(..) | Task::Settle { .. } | Task::AwaitCamera { .. } | Task::Expose { .. } => {
                 None
             }
         })
@@ -384,21 +416,25 @@ impl<B: Board> Controller<B> {
         axes.map(|p| u64::from(p.settle_ms) * 1000).max().unwrap_or(0)
     }
 
-    /// Ceases everything at once and remembers why. The lamp goes out only with the emergency stop: it takes long to warm.
+    /// Ceases everything at once and remembers why. The lamp, which takes long to warm, goes out only where it may be the danger, or
+    /// where pins can't be trusted.
     fn raise(&mut self, now_us: u64, fault: Fault, axis: Option<Axis>) {
         let mut safe = true;
+        // An arm whose motor is released falls: only where somebody may be caught, drivers burn, or pins do what they like.
+        let danger = matches!(fault, Fault::EmergencyStop | Fault::OverTemperature | Fault::Hardware);
         for drive in &mut self.axes {
-            safe &= drive.cut(&mut self.pulses).is_ok();
+            safe &= drive.cut(&mut self.pulses, danger).is_ok();
         }
         safe &= self.shutter.close().is_ok();
-        if matches!(fault, Fault::EmergencyStop | Fault::OverTemperature) {
-            safe &= self.lamp.switch(now_us, false, 0).is_ok();
+        if danger {
+            safe &= self.lamp.put_out(now_us).is_ok();
         }
         if self.safety.latch(fault) {
             self.link.events.alarm(Event::Fault(FaultReport { fault, axis, at_us: now_us }));
         }
         if !safe {
             self.safety.latch(Fault::Hardware);
+            let _ = self.lamp.put_out(now_us);
         }
         let refusal = Refusal::Faulted(self.safety.faults());
         if let Some(running) = self.running.take() {

@@ -2,10 +2,10 @@
 //!
 //! | byte | 0–3 | 4–7 | 8–9 | 10… | last 4 |
 //! |---|---|---|---|---|---|
-//! | | schema identity, low half | sequence | length | parameters, postcard | CRC-32 of all before |
+//! | | identity of the parameters' schema, low half | sequence | length | parameters, postcard | CRC-32 of all before |
 //!
 //! Only the older slot is ever erased and written, its checksum last. So after a cut at any byte the newer one still stands, or the
-//! new one does; never half of one. Numbers are little-endian.
+//! new one does; never half of one. Numbers are little-endian. Parameters outlive an update of the program that leaves them as they are.
 
 use lobelia_protocol::{Configuration, packet, schema};
 
@@ -40,7 +40,7 @@ fn read_slot(storage: &mut dyn Storage, slot: usize) -> Option<Record> {
     let (length, _) = rest.split_first_chunk::<2>()?;
     let end = HEADER + usize::from(u16::from_le_bytes(*length));
     let (record, checksum) = (bytes.get(..end)?, bytes.get(end..end + CHECKSUM)?);
-    if u32::from_le_bytes(*identity) != schema::IDENTITY as u32
+    if u32::from_le_bytes(*identity) != schema::PARAMETERS as u32
         || packet::checksum(record).to_le_bytes() != *checksum
     {
         return None;
@@ -79,7 +79,7 @@ pub fn save(storage: &mut dyn Storage, configuration: &Configuration) -> bool {
     else {
         return false;
     };
-    bytes[..4].copy_from_slice(&(schema::IDENTITY as u32).to_le_bytes());
+    bytes[..4].copy_from_slice(&(schema::PARAMETERS as u32).to_le_bytes());
     bytes[4..8].copy_from_slice(&sequence.to_le_bytes());
     bytes[8..HEADER].copy_from_slice(&(length as u16).to_le_bytes());
     let end = HEADER + length;

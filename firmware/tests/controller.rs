@@ -153,7 +153,11 @@ fn switch_that_closes_during_a_move_is_a_fault() {
     rig.bench.borrow_mut().motors[1] -= 400;
     let id = rig.begin(Command::MoveTo([-800; 4]));
     assert!(matches!(refusal(rig.outcome(id)), Refusal::Faulted(faults) if faults.contains(Fault::LimitHit)));
-    assert_eq!(rig.bench.borrow().motors[1], SWITCH_AT);
+    // It counts once it has been closed for 2 ms, at up to 1000 steps/s.
+    let beyond = SWITCH_AT - rig.bench.borrow().motors[1];
+    assert!((0..=3).contains(&beyond), "{beyond} steps into the switch");
+    // No arm falls.
+    assert_eq!(rig.bench.borrow().enabled, [true; 4]);
 }
 
 #[test]
@@ -274,6 +278,34 @@ fn commands_that_make_no_sense_are_refused_without_a_fault() {
     assert_eq!(refusal(rig.ask(dark)), Refusal::LampNotWarm { remaining_s: None });
     rig.begin(Command::Home);
     assert_eq!(refusal(rig.ask(Command::Retarget([0; 4]))), Refusal::Busy);
+}
+
+#[test]
+fn more_steps_than_the_board_makes_or_its_pulses_leave_room_for_are_refused() {
+    let mut rig = Rig::new();
+    rig.send(&ToController::Hello(Hello::new(SESSION)));
+    let field = |axis, field| Refusal::BadParameter { axis, field };
+    // The board makes 30,000 steps/s, the other axes 3300.
+    for (speed, refused) in [(26_701, true), (26_700, false)] {
+        let mut fast = configuration();
+        fast.axes[3].max_speed = speed;
+        let outcome = rig.configure(fast);
+        match refused {
+            true => assert_eq!(refusal(outcome), field(None, Field::StepRate)),
+            false => assert!(matches!(outcome, Outcome::Done(_)), "{outcome:?}"),
+        }
+    }
+    // 20,000 steps/s leave 50 µs: twice 23 and a µs each, and 1.
+    for (pulse_us, refused) in [(0, Some(None)), (101, Some(None)), (24, Some(Some(Axis::Light))), (23, None)]
+    {
+        let mut long = configuration();
+        long.settings.pulse_us = pulse_us;
+        let outcome = rig.configure(long);
+        match refused {
+            Some(axis) => assert_eq!(refusal(outcome), field(axis, Field::Pulse), "{pulse_us}"),
+            None => assert!(matches!(outcome, Outcome::Done(_)), "{outcome:?}"),
+        }
+    }
 }
 
 #[test]

@@ -3,8 +3,8 @@
 
 mod bench;
 
-use bench::{Rig, refusal};
-use lobelia_protocol::{Answer, Command, Fault, Outcome, Refusal};
+use bench::{Rig, SESSION, configuration, refusal};
+use lobelia_protocol::{Answer, Command, Fault, Field, Hello, Outcome, Refusal, ToController};
 
 #[test]
 fn exposure_opens_for_its_time_once_the_lamp_is_warm() {
@@ -127,4 +127,66 @@ fn exposure_is_within_ten_microseconds_of_its_time_or_refused() {
             }
         }
     }
+}
+
+#[test]
+fn lamp_without_parameters_is_refused_since_nothing_would_put_it_out() {
+    let mut rig = Rig::new();
+    rig.send(&ToController::Hello(Hello::new(SESSION)));
+    assert_eq!(refusal(rig.ask(Command::Lamp { on: true, level: 65535 })), Refusal::NotConfigured);
+    assert!(!rig.bench.borrow().lamp);
+    assert!(matches!(rig.ask(Command::Lamp { on: false, level: 0 }), Outcome::Done(_)));
+}
+
+#[test]
+fn lamp_goes_out_when_it_has_burnt_for_its_longest_time_whatever_the_host_says() {
+    let mut limited = configuration();
+    limited.settings.lamp_longest_s = 3600;
+    // No lease, and a safe level that would burn on.
+    limited.settings.lamp_safe_level = 20_000;
+    let mut rig = Rig::greeted(limited);
+    rig.ask(Command::Lamp { on: true, level: 30_000 });
+    for minute in 1..60 {
+        rig.bench.borrow_mut().now_us += 60_000_000;
+        // Another level is no new beginning.
+        rig.ask(Command::Lamp { on: true, level: 30_000 + minute });
+        assert!(rig.bench.borrow().lamp, "minute {minute}");
+    }
+    let due_us = rig.next_event_us();
+    rig.bench.borrow_mut().now_us = due_us;
+    rig.poll();
+    assert_eq!((rig.bench.borrow().lamp, rig.bench.borrow().lamp_level), (false, 0));
+    let Outcome::Done(Answer::Status(status)) = rig.ask(Command::Status) else { panic!("no status") };
+    assert!(status.faults.contains(Fault::LampTimeout));
+    limited.settings.lamp_longest_s = 0;
+    rig.ask(Command::ClearFaults);
+    let field = Refusal::BadParameter { axis: None, field: Field::LampTime };
+    assert_eq!(refusal(rig.configure(limited)), field);
+}
+
+#[test]
+fn lamp_does_not_warm_up_at_level_zero() {
+    let mut rig = Rig::homed();
+    rig.ask(Command::Lamp { on: true, level: 0 });
+    rig.bench.borrow_mut().now_us += 20_000_000;
+    let Outcome::Done(Answer::Status(status)) = rig.ask(Command::Status) else { panic!("no status") };
+    assert_eq!((status.lamp.on, status.lamp.warm, status.lamp.remaining_s), (true, false, 10));
+    rig.ask(Command::Lamp { on: true, level: 65535 });
+    let Outcome::Done(Answer::Status(status)) = rig.ask(Command::Status) else { panic!("no status") };
+    assert_eq!((status.lamp.warm, status.lamp.remaining_s), (false, 10));
+}
+
+#[test]
+fn fan_runs_while_the_lamp_burns_and_for_its_time_after_that() {
+    let mut cooled = configuration();
+    cooled.settings.fan_run_on_s = 300;
+    let mut rig = Rig::greeted(cooled);
+    assert!(!rig.bench.borrow().fan);
+    rig.ask(Command::Lamp { on: true, level: 65535 });
+    assert!(rig.bench.borrow().fan);
+    rig.ask(Command::Lamp { on: false, level: 0 });
+    let out_us = rig.bench.borrow().now_us;
+    assert!(rig.bench.borrow().fan);
+    while rig.pass_event() {}
+    assert_eq!((rig.bench.borrow().fan, rig.bench.borrow().now_us), (false, out_us + 300_000_000));
 }

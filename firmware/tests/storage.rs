@@ -113,6 +113,10 @@ fn controller_wakes_up_with_what_was_saved() {
     rig.send(&ToController::Hello(Hello::new(SESSION)));
     assert_eq!(rig.ask(Command::SaveParameters), Outcome::Refused(Refusal::NotConfigured));
     rig.configure(with_warm_up(7));
+    // Writing holds the controller up: nobody could put the lamp out.
+    rig.ask(Command::Lamp { on: true, level: 1000 });
+    assert_eq!(rig.ask(Command::SaveParameters), Outcome::Refused(Refusal::NotAtRest));
+    rig.ask(Command::Lamp { on: false, level: 0 });
     assert!(matches!(rig.ask(Command::SaveParameters), Outcome::Done(_)));
     drop(rig);
     let mut again = Rig::with_storage(Box::leak(Box::new(Shared(Arc::clone(&flash)))));

@@ -124,8 +124,12 @@ impl MechanicsConfig {
                 lease_ms: 2000,
                 lamp_lease_ms: 2000,
                 lamp_safe_level: 0,
+                lamp_longest_s: 172_800,
+                fan_run_on_s: 300,
                 camera_wait_ms: 2000,
                 coordinated: true,
+                pulse_us: 3,
+                direction_setup_us: 6,
             },
         }
     }
@@ -211,6 +215,8 @@ impl AxisMechanics {
             home_speed: steps(self.max_speed_deg_s / 3.0),
             home_slow_speed: steps(self.max_speed_deg_s / 60.0),
             home_back_off: steps(1.0),
+            home_switch_steps: steps(8.0),
+            home_order: 0,
             home_travel: steps(travel),
             home_debounce_us: 3000,
             index_tolerance: 4,

@@ -43,6 +43,11 @@ impl Drivers {
         self.registers[axis][SGTHRS] > 0
     }
 
+    /// Cuts a driver's supply for a moment: it forgets its settings.
+    pub(crate) fn reset(&mut self, axis: usize) {
+        self.registers[axis] = [0; 128];
+    }
+
     /// A register of an axis's driver.
     pub(crate) fn register(&self, axis: usize, register: u8) -> u32 {
         self.registers[axis][usize::from(register & !WRITE)]

@@ -21,6 +21,7 @@ pub(crate) struct Mechanism {
     load: AtomicI64,
     switch_closed: AtomicBool,
     switch_broken: AtomicBool,
+    switch_wire_broken: AtomicBool,
     /// Whether the last step met a hard stop.
     blocked: AtomicBool,
     steps: AtomicU64,
@@ -48,6 +49,7 @@ impl Mechanism {
             load: AtomicI64::new(load),
             switch_closed: AtomicBool::new(load < closes_below),
             switch_broken: AtomicBool::new(false),
+            switch_wire_broken: AtomicBool::new(false),
             blocked: AtomicBool::new(false),
             steps: AtomicU64::new(0),
             stops: config.stops_deg.map(|degrees| steps(degrees).round() as i64),
@@ -95,7 +97,13 @@ impl Mechanism {
 
     /// Whether the controller sees the home switch closed.
     pub(crate) fn switch_closed(&self) -> bool {
-        self.switch_closed.load(Relaxed) && !self.switch_broken.load(Relaxed)
+        self.switch_wire_broken.load(Relaxed)
+            || self.switch_closed.load(Relaxed) && !self.switch_broken.load(Relaxed)
+    }
+
+    /// Makes the switch seem closed, or mends that.
+    pub(crate) fn set_switch_wire(&self, broken: bool) {
+        self.switch_wire_broken.store(broken, Relaxed);
     }
 
     /// Makes the switch seem open for ever.

@@ -6,6 +6,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use embedded_hal::digital::{self, InputPin, OutputPin};
 use embedded_hal::pwm::{self, SetDutyCycle};
+use lobelia_firmware::storage::{SLOT_BYTES, Storage};
 use lobelia_firmware::{AnalogInput, AxisPins, Board, ByteLink, Options, Peripherals, Pulses};
 use lobelia_protocol::Axis;
 
@@ -24,6 +25,8 @@ pub(crate) struct Bench {
     pub(crate) lamp: Mutex<Lamp>,
     pub(crate) shutter_open: AtomicBool,
     pub(crate) emergency_stop: AtomicBool,
+    /// Memory for parameters, which a reset leaves as it is.
+    flash: Mutex<[[u8; SLOT_BYTES]; 2]>,
     pub(crate) drivers: Mutex<Drivers>,
     /// Whether the drivers' answers no longer arrive.
     pub(crate) drivers_cut: AtomicBool,
@@ -42,6 +45,7 @@ impl Bench {
             lamp: Mutex::new(Lamp::new(&config.lamp, config.seed)),
             shutter_open: AtomicBool::new(false),
             emergency_stop: AtomicBool::new(false),
+            flash: Mutex::new([[0xFF; SLOT_BYTES]; 2]),
             drivers: Mutex::default(),
             drivers_cut: AtomicBool::new(false),
             traced: AtomicBool::new(false),
@@ -107,13 +111,41 @@ pub(crate) fn peripherals(bench: &Arc<Bench>) -> Peripherals<SimulatedBoard> {
     }
 }
 
-/// What the simulated board has besides. The wire is leaked, a few bytes at each start of the controller: a board's lives for ever.
+/// What the simulated board has besides. Wire and memory are leaked, a few bytes at each start of the controller: a board's lives for ever.
 pub(crate) fn options(bench: &Arc<Bench>) -> Options<SimulatedBoard> {
     let stall = |axis| Input { bench: Arc::clone(bench), role: InputRole::Stall(axis) };
     Options {
         stall: std::array::from_fn(|axis| Some(stall(axis))),
         drivers: Some(Box::leak(Box::new(DriverWire(Arc::clone(bench))))),
+        storage: Some(Box::leak(Box::new(Flash(Arc::clone(bench))))),
         ..Options::default()
+    }
+}
+
+/// The memory for parameters.
+struct Flash(Arc<Bench>);
+
+impl Flash {
+    fn slots(&self) -> MutexGuard<'_, [[u8; SLOT_BYTES]; 2]> {
+        self.0.flash.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+impl Storage for Flash {
+    fn read(&mut self, slot: usize, into: &mut [u8]) -> bool {
+        let slots = self.slots();
+        let bytes = slots.get(slot).and_then(|bytes| bytes.get(..into.len()));
+        bytes.map(|bytes| into.copy_from_slice(bytes)).is_some()
+    }
+
+    fn erase(&mut self, slot: usize) -> bool {
+        self.slots().get_mut(slot).map(|bytes| bytes.fill(0xFF)).is_some()
+    }
+
+    fn write(&mut self, slot: usize, bytes: &[u8]) -> bool {
+        let mut slots = self.slots();
+        let into = slots.get_mut(slot).and_then(|slot| slot.get_mut(..bytes.len()));
+        into.map(|into| into.copy_from_slice(bytes)).is_some()
     }
 }
 

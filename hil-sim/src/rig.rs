@@ -210,6 +210,11 @@ impl SimulatedRig {
         drivers.register(axis.index(), register)
     }
 
+    /// Cuts the supply of an axis's driver for a moment: it forgets its settings.
+    pub fn reset_driver(&self, axis: Axis) {
+        self.lock().bench.drivers.lock().unwrap_or_else(PoisonError::into_inner).reset(axis.index());
+    }
+
     /// Cuts the wire by which drivers answer.
     pub fn cut_driver_wire(&self) {
         self.lock().bench.drivers_cut.store(true, Relaxed);
@@ -218,5 +223,10 @@ impl SimulatedRig {
     /// Breaks an axis's home switch: it never closes again.
     pub fn break_home_switch(&self, axis: Axis) {
         self.lock().bench.axes[axis.index()].break_switch();
+    }
+
+    /// Breaks the wire to an axis's home switch, so that it reads as closed, or mends it.
+    pub fn set_home_switch_wire(&self, axis: Axis, broken: bool) {
+        self.lock().bench.axes[axis.index()].set_switch_wire(broken);
     }
 }

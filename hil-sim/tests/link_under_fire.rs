@@ -72,6 +72,8 @@ fn configuration() -> Configuration {
     for axis in &mut configuration.axes {
         (axis.settle_ms, axis.home_debounce_us, axis.home_back_off) = (1, 50, 4);
         axis.home_slow_speed = axis.home_speed;
+        // From the switch at -45° to the stop at -60°, and some steps.
+        axis.home_switch_steps = 20;
     }
     configuration
 }

@@ -255,3 +255,56 @@ fn motor_that_is_blocked_is_a_stall_only_to_a_driver_that_looks_for_it() {
         assert_eq!(faults.iter().collect::<Vec<_>>(), [fault]);
     }
 }
+
+#[test]
+fn broken_wire_of_a_home_switch_is_named_and_an_axis_at_its_stop_is_none() {
+    let mut config = MechanicsConfig::ideal();
+    // Switched on with every axis at its lower stop.
+    for axis in [&mut config.pan, &mut config.tilt, &mut config.roll, &mut config.light] {
+        axis.start_deg = axis.stops_deg[0];
+    }
+    let (rig, mut host) = start(&config);
+    rig.set_home_switch_wire(Axis::Roll, true);
+    let before = rig.motor_steps(Axis::Roll);
+    let outcome = host.ask(Command::Home);
+    assert!(
+        matches!(outcome, Outcome::Refused(Refusal::Faulted(faults)) if faults.contains(Fault::SwitchStuck)),
+        "{outcome:?}"
+    );
+    // 8° of the switch and 1° of the back-off, in steps of 0.0129°.
+    assert!(rig.motor_steps(Axis::Roll) - before <= 700);
+}
+
+#[test]
+fn saved_parameters_are_there_after_a_reset_and_moves_go_on_as_before() {
+    let config = MechanicsConfig::ideal();
+    let (rig, mut host) = start(&config);
+    host.ask(Command::Lamp { on: false, level: 0 });
+    assert!(matches!(host.ask(Command::SaveParameters), Outcome::Done(_)));
+    rig.reset_controller();
+    host.send(&ToController::Hello(Hello::new(1)));
+    host.receive();
+    host.next_id = 1;
+    assert!(matches!(host.ask(Command::Home), Outcome::Done(_)));
+    let to = [100, 100, 100, 10_000];
+    assert_eq!(host.ask(Command::MoveTo(to)), Outcome::Done(Answer::At(to)));
+}
+
+#[test]
+fn driver_that_was_reset_on_the_way_is_a_fault_at_the_end_of_the_move_and_no_wrong_position() {
+    let config = MechanicsConfig::ideal();
+    let (rig, mut host) = start(&config);
+    assert_eq!(host.configure(&with_driver(&config)), Outcome::Done(Answer::Nothing));
+    assert!(matches!(host.ask(Command::Home), Outcome::Done(_)));
+    let to = [100, 100, 100, 10_000];
+    assert_eq!(host.ask(Command::MoveTo(to)), Outcome::Done(Answer::At(to)));
+    rig.reset_driver(Axis::Pan);
+    let Outcome::Refused(Refusal::Faulted(faults)) = host.ask(Command::MoveTo([200, 100, 100, 10_000]))
+    else {
+        panic!("not refused")
+    };
+    assert_eq!(faults.iter().collect::<Vec<_>>(), [Fault::DriverLost]);
+    host.ask(Command::ClearFaults);
+    assert!(matches!(host.ask(Command::Home), Outcome::Done(_)));
+    assert_eq!(host.ask(Command::MoveTo(to)), Outcome::Done(Answer::At(to)));
+}

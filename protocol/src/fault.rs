@@ -25,11 +25,19 @@ pub enum Fault {
     LampFailure,
     /// No request came for the time of the lease.
     LeaseExpired,
+    /// A step came later than by half the interval between steps: the controller could not keep up, and the motor may have lost it.
+    StepsLate,
+    /// A home switch stayed closed over its whole width: it is stuck, or its wire is broken.
+    SwitchStuck,
+    /// The lamp burnt for as long as it may.
+    LampTimeout,
+    /// A motor's driver has lost its settings, as when its supply was cut, or no longer answers.
+    DriverLost,
 }
 
 impl Fault {
     /// Every fault, in the order of its bit in [`Faults`].
-    pub const ALL: [Self; 9] = [
+    pub const ALL: [Self; 13] = [
         Self::EmergencyStop,
         Self::LimitHit,
         Self::HomingFailed,
@@ -39,6 +47,10 @@ impl Fault {
         Self::OverTemperature,
         Self::LampFailure,
         Self::LeaseExpired,
+        Self::StepsLate,
+        Self::SwitchStuck,
+        Self::LampTimeout,
+        Self::DriverLost,
     ];
 
     const fn bit(self) -> u16 {

@@ -82,6 +82,11 @@ pub struct AxisParameters {
     pub home_slow_speed: u32,
     /// How far to back off from the switch before the slow search, in steps.
     pub home_back_off: u32,
+    /// How far the axis can go with its switch closed, from the edge to the hard stop, in steps. A switch that stays closed over
+    /// this and the back-off is stuck, or its wire is broken.
+    pub home_switch_steps: u32,
+    /// Axes with a lower number are homed before those with a higher one; those with the same together.
+    pub home_order: u8,
     /// Homing fails when the switch isn't found within this travel, in steps.
     pub home_travel: u32,
     /// The switch counts as closed or open once it has been so for this long, in µs.
@@ -141,11 +146,19 @@ pub struct Settings {
     pub lamp_lease_ms: u32,
     /// The lamp's level when the lease has run out, of 65535; at 0 it is switched off.
     pub lamp_safe_level: u16,
+    /// The lamp is put out, with a fault, when it has burnt for this long, whoever asks for it; s, at least 1.
+    pub lamp_longest_s: u32,
+    /// How long the lamp's fan, where the board has an output for one, runs on when the lamp has gone out, s.
+    pub fan_run_on_s: u16,
     /// How long an exposure waits for the camera to be ready, where the board has an input for that, in ms.
     pub camera_wait_ms: u16,
     /// Whether the axes of a move arrive all at once, each slowed down to the slowest one's time; or else each as soon as it
     /// can.
     pub coordinated: bool,
+    /// Shortest time that a step pin stays high, and low between two steps, in µs: the longest that any of the drivers wants.
+    pub pulse_us: u8,
+    /// Shortest time from a change of an axis's direction pin to its next step, in µs.
+    pub direction_setup_us: u8,
 }
 
 /// All that the controller has to know of the rig. It is sent in parts, so that every frame is short.
@@ -184,7 +197,7 @@ pub enum Command {
     MoveTo([i32; AXES]),
     /// Decelerates all axes to rest and closes the shutter. Positions stay known. What waits is refused as stopped.
     Stop,
-    /// Switches the lamp.
+    /// Switches the lamp. It is only switched on once parameters are set: without them nothing would put it out again.
     Lamp {
         /// Burning or not.
         on: bool,
@@ -213,7 +226,8 @@ pub enum Command {
     /// Looks for the home switches as homing does, but keeps the positions, and reports how many steps were lost since. More
     /// than the tolerance is a fault.
     CheckIndex,
-    /// Stores the configuration, to be there after the next power-up.
+    /// Stores the configuration, to be there after the next power-up. Refused while the lamp burns: writing holds the controller
+    /// up for as long as a second.
     SaveParameters,
     /// Keeps an axis's parameters for the next [`Self::Configure`] of this session, if they are in range; changes nothing else.
     PrepareAxis {
@@ -232,6 +246,13 @@ pub enum Command {
         telemetry_ms: u16,
         /// Whether to tell what happens as log lines.
         log: bool,
+    },
+    /// Homes like [`Self::HomeRepeatedly`], but only some axes; the others stay where they are and keep their positions.
+    HomeAxes {
+        /// Which axes.
+        axes: [bool; AXES],
+        /// How often each switch is approached slowly.
+        approaches: u8,
     },
 }
 
@@ -386,6 +407,8 @@ pub enum Refusal {
         /// The one refused.
         after: u32,
     },
+    /// Parameters can only be saved at rest and with the lamp off.
+    NotAtRest,
 }
 
 /// A parameter that can be out of range.
@@ -403,7 +426,7 @@ pub enum Field {
     HomePosition,
     /// `home_speed` or `home_slow_speed`.
     HomeSpeed,
-    /// `home_back_off` or `home_travel`.
+    /// `home_back_off`, `home_switch_steps` or `home_travel`.
     HomeTravel,
     /// An exposure's `duration_us`.
     Duration,
@@ -415,6 +438,14 @@ pub enum Field {
     Approaches,
     /// A watch's `telemetry_ms`.
     TelemetryPeriod,
+    /// `pulse_us`, or an axis's `max_speed` for which its pulses are too long.
+    Pulse,
+    /// The sum of all axes' `max_speed`: more steps than the board can make in time.
+    StepRate,
+    /// `axes` of a homing: none.
+    Axes,
+    /// `lamp_longest_s`: 0.
+    LampTime,
 }
 
 /// How things stand.

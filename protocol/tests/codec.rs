@@ -48,8 +48,19 @@ fn bytes_of_messages_change_only_together_with_the_schema_identity() {
     let pinned = (schema::VERSION, schema::IDENTITY, schema::identity(0, &bytes));
     assert_eq!(
         pinned,
-        (3, 8_198_559_709_835_623_593, 12_096_638_847_553_114_440),
+        (4, 10_375_997_795_732_223_228, 17_975_790_990_259_290_500),
         "raise schema::VERSION, describe the change in schema::TEXT, then pin"
+    );
+}
+
+#[test]
+fn identity_of_parameters_is_that_of_their_own_lines() {
+    let begin = schema::TEXT.find("settings lamp").unwrap();
+    let end = schema::TEXT.find("response session").unwrap();
+    assert_eq!(schema::PARAMETERS, schema::identity(0, &schema::TEXT[begin..end]));
+    assert!(
+        schema::TEXT[begin..end].contains("\naxis_parameters ")
+            && schema::TEXT[begin..end].contains("\ndriver_parameters ")
     );
 }
 

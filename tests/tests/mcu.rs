@@ -41,6 +41,8 @@ fn configuration() -> Configuration {
         home_speed: 2000,
         home_slow_speed: 500,
         home_back_off: 30,
+        home_switch_steps: 600,
+        home_order: 0,
         home_travel: 2000,
         home_debounce_us: 1000,
         index_tolerance: 4,
@@ -55,8 +57,12 @@ fn configuration() -> Configuration {
             lease_ms: 0,
             lamp_lease_ms: 0,
             lamp_safe_level: 0,
+            lamp_longest_s: 172_800,
+            fan_run_on_s: 300,
             camera_wait_ms: 0,
             coordinated: true,
+            pulse_us: 2,
+            direction_setup_us: 5,
         },
     }
 }

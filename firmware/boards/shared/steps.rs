@@ -31,7 +31,7 @@ impl PulsesCell<ThisBoard> for Steps {
     }
 }
 
-/// Makes the steps that are due at a time in µs; gives when to make the next.
-pub(crate) fn make(now_us: u32) -> Option<u32> {
-    with(|kept| kept.as_mut()?.step(now_us))
+/// Makes the steps that are due, by a clock that tells the time in µs; gives when to make the next.
+pub(crate) fn make(clock: impl Fn() -> u32) -> Option<u32> {
+    with(|kept| kept.as_mut()?.step(clock))
 }

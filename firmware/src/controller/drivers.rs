@@ -1,6 +1,6 @@
 //! Drivers that are set up over a wire.
 
-use lobelia_protocol::{Axis, Configuration, DriverTrouble, Fault, Outcome, Refusal};
+use lobelia_protocol::{AXES, Axis, Configuration, DriverTrouble, Fault, Outcome, Refusal};
 
 use super::{Controller, Task, Trouble};
 use crate::board::Board;
@@ -22,19 +22,35 @@ impl<B: Board> Controller<B> {
         Ok(())
     }
 
+    /// The first axis whose driver has lost its settings, or does not answer when it is asked again. It takes two requests a driver, 2 ms at
+    /// 115 200 baud.
+    pub(super) fn lost_driver(&mut self) -> Option<Axis> {
+        let configuration = self.configuration?;
+        let bus = self.options.drivers.as_mut()?;
+        Axis::ALL.into_iter().find(|axis| {
+            configuration.axes[axis.index()].driver.is_some_and(|settings| {
+                let mut driver = Tmc2209 { bus: &mut **bus, node: axis.index() as u8 };
+                let mut kept = || driver.keeps(&settings);
+                // One damaged reply is no lost driver.
+                kept().or_else(|_| kept()) != Ok(true)
+            })
+        })
+    }
+
     /// Homes, and before it sets up the drivers, which forget when their supply is cut.
     pub(super) fn prepare_homing(
         &mut self,
         now_us: u64,
         configuration: &Configuration,
         purpose: Purpose,
+        axes: [bool; AXES],
     ) -> Result<Task, Trouble> {
         if configuration.axes.iter().all(|axis| axis.driver.is_none()) {
-            return self.begin_homing(now_us, configuration, purpose);
+            return self.begin_homing(now_us, configuration, purpose, axes);
         }
         self.set_up_drivers(configuration)?;
         // That took time, which the next poll will know.
-        Ok(Task::BeginHoming(purpose))
+        Ok(Task::BeginHoming(purpose, axes))
     }
 
     /// Homes once the drivers are set up.
@@ -43,9 +59,10 @@ impl<B: Board> Controller<B> {
         now_us: u64,
         task: &mut Task,
         purpose: Purpose,
+        axes: [bool; AXES],
     ) -> Result<Option<Outcome>, (Fault, Option<Axis>)> {
         let Some(configuration) = self.configuration else { return Ok(None) };
-        match self.begin_homing(now_us, &configuration, purpose) {
+        match self.begin_homing(now_us, &configuration, purpose, axes) {
             Ok(next) => {
                 *task = next;
                 Ok(None)

@@ -8,7 +8,7 @@ use lobelia_protocol::{AXES, Answer, Axis, Configuration, Fault, Field, HomingRe
 use super::{Controller, Running, Task, Trouble};
 use crate::board::{Board, PinFailure, is_high};
 use crate::homing::{Homing, Progress, Purpose};
-use crate::motion::axis::Plan;
+use crate::motion::axis::{AxisDrive, Plan};
 use crate::motion::pulses::{PulsesCell, Trip};
 
 /// How often a homing may approach its switch.
@@ -20,17 +20,40 @@ impl<B: Board> Controller<B> {
         now_us: u64,
         configuration: &Configuration,
         purpose: Purpose,
+        axes: [bool; AXES],
     ) -> Result<Task, Trouble> {
+        if axes == [false; AXES] {
+            return Err(Refusal::BadParameter { axis: None, field: Field::Axes }.into());
+        }
         if let Purpose::Home { approaches } = purpose
             && !APPROACHES.contains(&approaches)
         {
             return Err(Refusal::BadParameter { axis: None, field: Field::Approaches }.into());
         }
         let mut searches = [const { None }; AXES];
-        for ((search, axis), parameters) in searches.iter_mut().zip(&mut self.axes).zip(&configuration.axes) {
-            *search = Some(Homing::start(now_us, purpose, axis, &mut self.pulses, parameters)?);
+        self.home_next(now_us, configuration, purpose, axes, &mut searches)?;
+        Ok(Task::Home(purpose, axes, searches))
+    }
+
+    /// Begins to home those of the chosen axes that have not begun and are first in the order; false when all have.
+    pub(super) fn home_next(
+        &mut self,
+        now_us: u64,
+        configuration: &Configuration,
+        purpose: Purpose,
+        axes: [bool; AXES],
+        searches: &mut [Option<Homing>; AXES],
+    ) -> Result<bool, PinFailure> {
+        let order = |k: usize| configuration.axes[k].home_order;
+        let left = |k: &usize, searches: &[Option<Homing>; AXES]| axes[*k] && searches[*k].is_none();
+        let Some(first) = (0..AXES).filter(|k| left(k, searches)).map(order).min() else { return Ok(false) };
+        for k in (0..AXES).filter(|&k| order(k) == first) {
+            if left(&k, searches) {
+                let (axis, parameters) = (&mut self.axes[k], &configuration.axes[k]);
+                searches[k] = Some(Homing::start(now_us, purpose, axis, &mut self.pulses, parameters)?);
+            }
         }
-        Ok(Task::Home(purpose, searches))
+        Ok(true)
     }
 
     /// The answer to a search that has ended.
@@ -144,6 +167,7 @@ impl<B: Board> Controller<B> {
             None => {}
             Some(Trip::Limit) => return Err(Fault::LimitHit),
             Some(Trip::Pin) => return Err(Fault::Hardware),
+            Some(Trip::Late) => return Err(Fault::StepsLate),
         }
         if let Some(stall) = &mut self.options.stall[axis.index()]
             && drive.stepped(pulses)
@@ -154,22 +178,34 @@ impl<B: Board> Controller<B> {
         let Some(parameters) = self.configuration.as_ref().map(|all| &all.axes[axis.index()]) else {
             return Ok(());
         };
-        if let Task::Home(_, searches) = task
+        if let Task::Home(.., searches) = task
             && let Some(search) = &mut searches[axis.index()]
         {
             search.watch(now_us, drive, pulses, parameters);
         }
         drive.poll(pulses, now_us).map_err(|_| Fault::Hardware)?;
-        if let Task::Home(_, searches) = task
+        if let Task::Home(.., searches) = task
             && let Some(search) = &mut searches[axis.index()]
             && !drive.moving()
         {
             let progress = search.rested(now_us, drive, pulses, parameters).map_err(|_| Fault::Hardware)?;
-            if progress == Progress::Failed {
-                return Err(Fault::HomingFailed);
+            match progress {
+                Progress::Failed => return Err(Fault::HomingFailed),
+                Progress::Stuck => return Err(Fault::SwitchStuck),
+                Progress::Seeking | Progress::Measured => {}
             }
         }
         Ok(())
+    }
+
+    /// Plans for the axis that would run out of steps first, one a poll: what that takes never adds up over all axes.
+    pub(super) fn plan_ahead(&mut self, now_us: u64) {
+        let pulses = &mut self.pulses;
+        let runs_out = |axis: &AxisDrive<B>| axis.runs_out(pulses, now_us);
+        let first = self.axes.each_ref().map(runs_out).into_iter().enumerate();
+        if let Some((_, axis)) = first.filter_map(|(axis, at)| Some((at?, axis))).min() {
+            self.axes[axis].hand_over(&mut self.pulses, now_us);
+        }
     }
 }
 

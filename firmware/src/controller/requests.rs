@@ -3,7 +3,8 @@
 use core::array;
 
 use lobelia_protocol::{
-    Answer, Command, Configuration, Fault, Happening, Outcome, Refusal, Request, Response, Settings, ToHost,
+    AXES, Answer, Command, Configuration, Fault, Happening, Outcome, Refusal, Request, Response, Settings,
+    ToHost,
 };
 
 use super::{Controller, Running, Task, Trouble};
@@ -11,7 +12,11 @@ use crate::board::Board;
 use crate::homing::Purpose;
 use crate::link::Admission;
 use crate::motion::parameters;
+use crate::motion::pulses::PulsesCell;
 use crate::storage;
+
+/// Every axis.
+const ALL: [bool; AXES] = [true; AXES];
 
 impl<B: Board> Controller<B> {
     /// Takes a request if its turn to be taken has come, and those that were held for it.
@@ -131,6 +136,8 @@ impl<B: Board> Controller<B> {
             }
             Command::Lamp { on, level } => {
                 if on {
+                    // Without parameters there would be no lease, and no longest time.
+                    self.configured()?;
                     self.safety.check()?;
                 }
                 self.lamp.switch(now_us, on, level)?;
@@ -153,12 +160,17 @@ impl<B: Board> Controller<B> {
             }
             Command::SaveParameters => {
                 let configuration = self.configured()?;
+                // Nothing is being run, but the lamp may burn: nobody could put it out while the memory is written.
+                if self.lamp.is_on() {
+                    return Err(Refusal::NotAtRest.into());
+                }
                 let storage = self.options.storage.as_mut();
                 let saved = storage.is_some_and(|storage| storage::save(&mut **storage, &configuration));
                 if saved { Ok(Some(Answer::Nothing)) } else { Err(Refusal::NoStorage.into()) }
             }
             Command::Home
             | Command::HomeRepeatedly { .. }
+            | Command::HomeAxes { .. }
             | Command::CheckIndex
             | Command::MoveTo(_)
             | Command::Retarget(_)
@@ -180,12 +192,15 @@ impl<B: Board> Controller<B> {
             Command::Expose { duration_us, warm_lamp } => self.begin_exposure(now_us, duration_us, warm_lamp),
             Command::CheckIndex => {
                 self.check_positions()?;
-                self.begin_homing(now_us, &configuration, Purpose::Check)
+                self.begin_homing(now_us, &configuration, Purpose::Check, ALL)
             }
             Command::HomeRepeatedly { approaches } => {
-                self.prepare_homing(now_us, &configuration, Purpose::Home { approaches })
+                self.prepare_homing(now_us, &configuration, Purpose::Home { approaches }, ALL)
             }
-            _ => self.prepare_homing(now_us, &configuration, Purpose::Home { approaches: 1 }),
+            Command::HomeAxes { axes, approaches } => {
+                self.prepare_homing(now_us, &configuration, Purpose::Home { approaches }, axes)
+            }
+            _ => self.prepare_homing(now_us, &configuration, Purpose::Home { approaches: 1 }, ALL),
         }
     }
 
@@ -201,7 +216,9 @@ impl<B: Board> Controller<B> {
             return Err(Refusal::NotConfigured);
         };
         let configuration = Configuration { axes: [pan, tilt, roll, light], settings };
+        parameters::validate(&configuration, self.options.most_steps_per_s)?;
         self.set_up_drivers(&configuration)?;
+        self.pulses.with(|pulses| pulses.trains.set_timing(settings.pulse_us, settings.direction_setup_us));
         if self.configuration.replace(configuration) != Some(configuration) {
             self.axes.iter_mut().for_each(|axis| axis.forget(&mut self.pulses));
         }

@@ -1,5 +1,5 @@
 //! Stepper drivers that are set up over a wire, where the board has one ([`crate::Options::drivers`]): when parameters are set, and
-//! before each homing, since a driver forgets when its supply is cut. Their stall outputs are [`crate::Options::stall`].
+//! before each homing, since a driver forgets when its supply is cut. After each move they are asked whether they have. Their stall outputs are [`crate::Options::stall`].
 
 pub mod tmc2209;
 
@@ -9,6 +9,8 @@ use lobelia_protocol::{DriverParameters, DriverTrouble};
 pub trait StepperDriver {
     /// Sets it up and makes sure that it took what was sent.
     fn set_up(&mut self, settings: &DriverParameters) -> Result<(), DriverTrouble>;
+    /// Whether it still has its settings: one that was reset steps otherwise, and nobody would know.
+    fn keeps(&mut self, settings: &DriverParameters) -> Result<bool, DriverTrouble>;
 }
 
 /// A wire to drivers that carries datagrams.

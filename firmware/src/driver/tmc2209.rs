@@ -14,6 +14,7 @@ const MASTER: u8 = 0xff;
 mod register {
     pub(super) const GCONF: u8 = 0x00;
     pub(super) const IFCNT: u8 = 0x02;
+    pub(super) const NODECONF: u8 = 0x03;
     pub(super) const IHOLD_IRUN: u8 = 0x10;
     pub(super) const TCOOLTHRS: u8 = 0x14;
     pub(super) const SGTHRS: u8 = 0x40;
@@ -24,6 +25,9 @@ mod register {
 const GCONF: u32 = 1 << 6 | 1 << 7;
 /// As after power-up, interpolating to 256 microsteps, but for the microsteps taken in.
 const CHOPCONF: u32 = 0x1000_0053;
+/// A driver waits so long, 3 × 8 bit times, before it replies: with several on one wire another could take a reply that comes at once for a
+/// request.
+const NODECONF: u32 = 2 << 8;
 /// Steps of the current's slow fall to the hold current, each 2¹⁸ clocks.
 const HOLD_DELAY: u32 = 8;
 /// The driver's own clock, Hz.
@@ -122,6 +126,7 @@ impl StepperDriver for Tmc2209<'_> {
         let microsteps = microstep_code(settings.microsteps).ok_or(DriverTrouble::Microsteps)?;
         let stall_above = clocks_per_fine_step(settings.stall_above_speed, settings.microsteps);
         let writes = [
+            (register::NODECONF, NODECONF),
             (register::GCONF, GCONF),
             (register::CHOPCONF, CHOPCONF | microsteps << 24),
             (register::IHOLD_IRUN, hold | run << 8 | HOLD_DELAY << 16),
@@ -136,6 +141,13 @@ impl StepperDriver for Tmc2209<'_> {
         }
         let after = self.read(register::IFCNT)? as u8;
         if after.wrapping_sub(before) == writes.len() as u8 { Ok(()) } else { Err(DriverTrouble::WriteLost) }
+    }
+
+    fn keeps(&mut self, settings: &DriverParameters) -> Result<bool, DriverTrouble> {
+        let microsteps = microstep_code(settings.microsteps).ok_or(DriverTrouble::Microsteps)?;
+        // After a reset the pins choose the microsteps, and the code is 0.
+        let chosen = self.read(register::GCONF)? & GCONF == GCONF;
+        Ok(chosen && self.read(register::CHOPCONF)? >> 24 & 0xF == microsteps)
     }
 }
 
@@ -247,6 +259,20 @@ mod tests {
         assert_eq!(chip.registers[0x6c], 0x1400_0053);
         // 4000 microsteps/s are 64 000 fine steps: 187 clocks each.
         assert_eq!((chip.registers[0x14], chip.registers[0x40]), (187, 60));
+    }
+
+    #[test]
+    fn driver_that_was_reset_or_steps_otherwise_does_not_keep_its_settings() {
+        let mut chip = Chip::default();
+        let keeps = |chip: &mut Chip| Tmc2209 { bus: chip, node: 1 }.keeps(&SETTINGS);
+        assert_eq!(keeps(&mut chip), Ok(false));
+        set_up(&mut chip, &SETTINGS).unwrap();
+        assert_eq!((keeps(&mut chip), chip.registers[3]), (Ok(true), 2 << 8));
+        chip.registers[0x6c] &= 0x00ff_ffff;
+        assert_eq!(keeps(&mut chip), Ok(false));
+        set_up(&mut chip, &SETTINGS).unwrap();
+        chip.silent = true;
+        assert_eq!(keeps(&mut chip), Err(DriverTrouble::Silent));
     }
 
     #[test]

@@ -4,12 +4,15 @@
 //! The edge is always measured upward: with the switch at the lower end, as it opens on the way out; with the switch at
 //! the upper end, as it closes on the way in. So the play is on the same side as after every move. An edge counts once
 //! the switch has kept its new state for the debounce time; its position is that of the first step that saw it.
+//!
+//! Only the first search goes the whole travel. Away from the switch an axis goes no farther than it ran on past the edge, than the switch
+//! is wide, and the back-off: a broken wire reads as closed, and must not drive the axis into what is at its other end.
 
 use lobelia_protocol::{AxisParameters, HomeDirection};
 
 use crate::board::{Board, PinFailure};
 use crate::motion::axis::AxisDrive;
-use crate::motion::pulses::PulsesCell;
+use crate::motion::pulses::{PulsesCell, Sight};
 
 /// What an axis is doing to find its home.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -45,8 +48,10 @@ pub(crate) enum Progress {
     Seeking,
     /// The edge was measured.
     Measured,
-    /// The switch didn't close, or open, within the travel.
+    /// The switch didn't close within the travel.
     Failed,
+    /// The switch stayed closed over its whole width.
+    Stuck,
 }
 
 /// One axis's search for its home.
@@ -96,8 +101,7 @@ impl Homing {
         self.lost
     }
 
-    /// On the way: looks whether the switch has kept the state awaited for long enough. It is read at each step and each
-    /// time that this is called.
+    /// On the way: whether the switch has kept the state awaited for long enough, as far as it was looked at.
     pub(crate) fn watch<B: Board>(
         &mut self,
         now_us: u64,
@@ -105,17 +109,21 @@ impl Homing {
         pulses: &mut B::Pulses,
         p: &AxisParameters,
     ) {
-        let awaited = matches!(self.phase, Phase::Seek | Phase::SlowSeek);
-        let sight = pulses
-            .with(|pulses| pulses.sight(axis.axis(), now_us as u32))
-            .filter(|sight| sight.closed == awaited);
         if self.edge.is_none()
-            && let Some(sight) = sight
-            && (now_us as u32).wrapping_sub(sight.since_us) >= p.home_debounce_us.into()
+            && let Some(sight) = self.awaited_sight(axis, pulses)
+            && sight.lasted_us() >= p.home_debounce_us.into()
         {
             self.edge = Some(sight.position);
-            axis.shorten(pulses, now_us, if self.phase == Phase::BackOff { p.home_back_off } else { 0 });
+            if axis.moving() {
+                axis.shorten(pulses, now_us, if self.phase == Phase::BackOff { p.home_back_off } else { 0 });
+            }
         }
+    }
+
+    /// The switch, if it was last seen as this phase awaits it.
+    fn awaited_sight<B: Board>(&self, axis: &AxisDrive<B>, pulses: &mut B::Pulses) -> Option<Sight> {
+        let awaited = matches!(self.phase, Phase::Seek | Phase::SlowSeek);
+        pulses.with(|pulses| pulses.sight(axis.axis())).filter(|sight| sight.closed == awaited)
     }
 
     /// At rest: goes on to the next phase.
@@ -130,7 +138,12 @@ impl Homing {
             return Ok(Progress::Measured);
         }
         let Some(edge) = self.edge else {
-            return Ok(Progress::Failed);
+            // What was seen last may yet turn out to last.
+            return Ok(match (self.awaited_sight(axis, pulses), self.phase) {
+                (Some(_), _) => Progress::Seeking,
+                (None, Phase::BackOff | Phase::Leave) => Progress::Stuck,
+                (None, _) => Progress::Failed,
+            });
         };
         let next = match (self.phase, p.home_direction) {
             (Phase::Seek, _) => Phase::BackOff,
@@ -177,17 +190,26 @@ impl Homing {
         pulses: &mut B::Pulses,
         p: &AxisParameters,
     ) -> Result<(), PinFailure> {
+        let position = pulses.with(|pulses| pulses.trains.position(axis.axis()));
+        let from_edge = self.edge.map_or(0, |edge| position.abs_diff(edge));
+        let reach = match phase {
+            Phase::Seek | Phase::Done => p.home_travel,
+            // As far back as it ran on past the edge that it saw last.
+            Phase::BackOff | Phase::Leave => {
+                from_edge.saturating_add(p.home_switch_steps).saturating_add(p.home_back_off)
+            }
+            Phase::SlowSeek => from_edge.saturating_add(p.home_switch_steps),
+        };
         self.phase = phase;
         self.edge = None;
         let toward_switch = matches!(phase, Phase::Seek | Phase::SlowSeek);
         let fast = matches!(phase, Phase::Seek | Phase::BackOff);
         let speed = if fast { p.home_speed } else { p.home_slow_speed };
         let upward = toward_switch == (p.home_direction == HomeDirection::Positive);
-        let position = pulses.with(|pulses| pulses.trains.position(axis.axis()));
         let target = if upward {
-            position.saturating_add_unsigned(p.home_travel)
+            position.saturating_add_unsigned(reach)
         } else {
-            position.saturating_sub_unsigned(p.home_travel)
+            position.saturating_sub_unsigned(reach)
         };
         axis.run(pulses, now_us, target, speed, p)
     }

@@ -11,8 +11,10 @@ use crate::motion::profile::{Limits, Times};
 use crate::motion::pulses::{PulsesCell, Watch};
 use crate::motion::stepper::Stepper;
 
-/// Steps are handed over at least this long before they are due, in ticks: 2 ms.
-const AHEAD: u64 = 2000 << TICK_SHIFT;
+/// Steps are handed over at least this long before they are due, in ticks: 6 ms.
+const AHEAD: u64 = 6000 << TICK_SHIFT;
+/// Bursts handed over at once.
+const AT_ONCE: usize = 4;
 
 /// What a parameter set allows in moves.
 fn limits(p: &AxisParameters) -> Limits {
@@ -75,6 +77,7 @@ pub(crate) struct AxisDrive<B: Board> {
     onward: Option<i32>,
     limits: Limits,
     guard: Guard,
+    debounce_us: u16,
     /// What the present position is called once the move has ended: a turn more or less on a full-turn axis.
     renamed: Option<i32>,
     /// Whether the last motion ended upward with the play taken up.
@@ -98,6 +101,7 @@ impl<B: Board> AxisDrive<B> {
             onward: None,
             limits: Limits::default(),
             guard: Guard::None,
+            debounce_us: 0,
             renamed: None,
             taken_up: false,
             ends_taken_up: false,
@@ -115,21 +119,29 @@ impl<B: Board> AxisDrive<B> {
         self.stepper.running() || self.approach.is_some()
     }
 
-    /// When this axis next has to be polled, in µs: at the run's end, or when too few bursts wait.
+    /// When this axis next has to be polled, in µs: at the run's end, or when more steps have to be handed over.
     pub(crate) fn next_us(&self, pulses: &mut B::Pulses, now_us: u64) -> u64 {
         if let Some(end) = self.stepper.end() {
             let end_us = (end + self.late).div_ceil(1 << TICK_SHIFT);
             // The last pulse may end a little after the run.
             if end_us <= now_us { now_us + 1 } else { end_us }
-        } else if self.stepper.running() && !pulses.with(|pulses| pulses.trains.has_room(self.axis)) {
-            now_us
-                .saturating_add_signed(i64::from(
-                    pulses.with(|pulses| pulses.trains.ebb(self.axis, now_us as u32)) >> TICK_SHIFT,
-                ))
-                .max(now_us + 1)
+        } else if let Some(due) = self.stepper.next_due() {
+            let wanted_us = (due + self.late).saturating_sub(AHEAD) >> TICK_SHIFT;
+            let (has_room, ebb) = pulses.with(|pulses| {
+                (pulses.trains.has_room(self.axis), pulses.trains.ebb(self.axis, now_us as u32))
+            });
+            let room_us = now_us.saturating_add_signed(i64::from(ebb >> TICK_SHIFT));
+            wanted_us.max(if has_room { 0 } else { room_us }).max(now_us + 1)
         } else {
             u64::MAX
         }
+    }
+
+    /// When the axis runs out of steps unless more are handed over now, in ticks; `None` while it needs none.
+    pub(crate) fn runs_out(&self, pulses: &mut B::Pulses, now_us: u64) -> Option<u64> {
+        let due = self.stepper.next_due()? + self.late;
+        let needs = due < (now_us << TICK_SHIFT) + AHEAD;
+        (needs && pulses.with(|pulses| pulses.trains.has_room(self.axis))).then_some(due)
     }
 
     /// Whether steps were made since this was last asked.
@@ -173,6 +185,7 @@ impl<B: Board> AxisDrive<B> {
             (0, direction) => Guard::Forward(direction == HomeDirection::Positive),
             _ => Guard::None,
         };
+        self.debounce_us = p.home_debounce_us;
         let (first, times) = plan.first;
         self.start(pulses, now_us, first, times)
     }
@@ -212,6 +225,7 @@ impl<B: Board> AxisDrive<B> {
         self.ends_taken_up = false;
         self.renamed = None;
         self.guard = Guard::None;
+        self.debounce_us = p.home_debounce_us;
         self.limits = Limits { speed, ..limits(p) };
         let times = Times::shortest(
             target.abs_diff(pulses.with(|pulses| pulses.trains.position(self.axis))),
@@ -237,10 +251,10 @@ impl<B: Board> AxisDrive<B> {
             Guard::None if self.ends_taken_up => Watch::Nothing,
             Guard::None => Watch::Switch,
         };
-        pulses.with(|pulses| pulses.begin(self.axis, upward, watch));
+        pulses.with(|pulses| pulses.begin(self.axis, upward, watch, self.debounce_us, now_us as u32));
         self.late = 0;
+        // Its first steps are handed over by the next polls.
         self.stepper.start(now_us << TICK_SHIFT, upward, target.abs_diff(position), self.limits, times);
-        self.refill(pulses, now_us);
         Ok(())
     }
 
@@ -272,8 +286,8 @@ impl<B: Board> AxisDrive<B> {
         self.stepper.brake(self.on_time(now_us));
     }
 
-    /// Ceases at once, releases the motor and forgets the position.
-    pub(crate) fn cut(&mut self, pulses: &mut B::Pulses) -> Result<(), PinFailure> {
+    /// Ceases at once and forgets the position; with `release` the motor no longer holds.
+    pub(crate) fn cut(&mut self, pulses: &mut B::Pulses, release: bool) -> Result<(), PinFailure> {
         self.stepper.halt();
         self.approach = None;
         self.onward = None;
@@ -282,12 +296,15 @@ impl<B: Board> AxisDrive<B> {
         self.ends_taken_up = false;
         self.known = false;
         let step = pulses.with(|pulses| pulses.halt(self.axis));
-        set(&mut self.enable, false).and(step)
+        if release { set(&mut self.enable, false).and(step) } else { step }
     }
 
     /// Takes the present position for `position`, reached upward with the play taken up.
     pub(crate) fn homed(&mut self, pulses: &mut B::Pulses, position: i32) {
-        pulses.with(|pulses| pulses.trains.set_position(self.axis, position));
+        pulses.with(|pulses| {
+            pulses.trains.set_position(self.axis, position);
+            pulses.look_away(self.axis);
+        });
         self.known = true;
         self.taken_up = true;
     }
@@ -299,14 +316,13 @@ impl<B: Board> AxisDrive<B> {
         self.taken_up = false;
     }
 
-    /// Hands steps over in time, and goes on to what follows the run when it has ended.
+    /// Goes on to what follows the run when it has ended.
     pub(crate) fn poll(&mut self, pulses: &mut B::Pulses, now_us: u64) -> Result<(), PinFailure> {
         if !self.stepper.running() {
             return Ok(());
         }
         self.late +=
             u64::from(pulses.with(|pulses| pulses.trains.late(self.axis)).wrapping_sub(self.late as u32));
-        self.refill(pulses, now_us);
         let ended = self.stepper.end().is_some_and(|end| self.on_time(now_us) >= end);
         if ended && pulses.with(|pulses| pulses.trains.resting(self.axis)) {
             self.end_run(pulses, now_us)
@@ -320,11 +336,14 @@ impl<B: Board> AxisDrive<B> {
         (now_us << TICK_SHIFT).saturating_sub(self.late)
     }
 
-    fn refill(&mut self, pulses: &mut B::Pulses, now_us: u64) {
+    /// Hands steps over, some of those due within the time ahead.
+    pub(crate) fn hand_over(&mut self, pulses: &mut B::Pulses, now_us: u64) {
         let before = self.on_time(now_us) + AHEAD;
-        while pulses.with(|pulses| pulses.trains.has_room(self.axis))
-            && let Some(burst) = self.stepper.next_burst(before)
-        {
+        for _ in 0..AT_ONCE {
+            if !pulses.with(|pulses| pulses.trains.has_room(self.axis)) {
+                return;
+            }
+            let Some(burst) = self.stepper.next_burst(before) else { return };
             pulses.with(|pulses| pulses.trains.push(self.axis, now_us as u32, burst));
         }
     }
@@ -342,6 +361,9 @@ impl<B: Board> AxisDrive<B> {
         }
         if let Some((target, times)) = self.approach.take() {
             return self.start(pulses, now_us, target, times);
+        }
+        if self.guard != Guard::None {
+            pulses.with(|pulses| pulses.look_away(self.axis));
         }
         self.taken_up = self.ends_taken_up;
         if let Some(name) = self.renamed.take() {

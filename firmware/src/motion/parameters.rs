@@ -1,9 +1,14 @@
-//! Which parameters are allowed. What passes here can't overflow a position or outrun a step pulse.
+//! Which parameters are allowed. What passes here can't overflow a position, outrun a step pulse, or ask for more steps than the
+//! board makes.
 
 use lobelia_protocol::{Axis, AxisParameters, Configuration, Field, HomeDirection, Refusal};
 
-/// Highest speed, steps/s: a step every 5 µs leaves room for the pulse.
+/// Highest speed, steps/s: a step every 5 µs.
 const MAX_SPEED: u32 = 200_000;
+/// Longest pulse, µs.
+const MAX_PULSE_US: u8 = 100;
+/// What making a step takes besides its pulse, µs.
+const MAKING_US: u32 = 1;
 /// Highest acceleration, steps/s².
 const MAX_ACCELERATION: u32 = 10_000_000;
 /// Highest jerk, steps/s³.
@@ -15,9 +20,28 @@ const FARTHEST: i32 = 1 << 29;
 /// Longest take-up, in steps.
 const MAX_TAKE_UP: u32 = 1 << 20;
 
-/// Checks a configuration.
-pub(crate) fn validate(configuration: &Configuration) -> Result<(), Refusal> {
-    Axis::ALL.into_iter().zip(&configuration.axes).try_for_each(|(axis, p)| validate_axis(axis, p))
+/// Checks a configuration, for a board that makes at most so many steps a second.
+pub(crate) fn validate(configuration: &Configuration, most_steps_per_s: Option<u32>) -> Result<(), Refusal> {
+    let Configuration { axes, settings } = configuration;
+    Axis::ALL.into_iter().zip(axes).try_for_each(|(axis, p)| validate_axis(axis, p))?;
+    let bad = |axis, field| Err(Refusal::BadParameter { axis, field });
+    if !(1..=MAX_PULSE_US).contains(&settings.pulse_us) {
+        return bad(None, Field::Pulse);
+    }
+    if settings.lamp_longest_s == 0 {
+        return bad(None, Field::LampTime);
+    }
+    // High and low, each one count of the clock more than asked for.
+    let step_us = 2 * (u32::from(settings.pulse_us) + 1) + MAKING_US;
+    if let Some(axis) = Axis::ALL.into_iter().find(|axis| axes[axis.index()].max_speed > 1_000_000 / step_us)
+    {
+        return bad(Some(axis), Field::Pulse);
+    }
+    let sum: u32 = axes.iter().map(|p| p.max_speed).sum();
+    if most_steps_per_s.is_some_and(|most| sum > most) {
+        return bad(None, Field::StepRate);
+    }
+    Ok(())
 }
 
 /// Checks one axis's parameters.
@@ -44,7 +68,12 @@ fn bad_field(p: &AxisParameters) -> Option<Field> {
         (p.full_turn_steps == 0 || turn_holds_limits(p), Field::FullTurn),
         (range.contains(&p.home_position) && switch_is_beyond_limits(p), Field::HomePosition),
         (speeds.contains(&p.home_speed) && speeds.contains(&p.home_slow_speed), Field::HomeSpeed),
-        (p.home_travel <= FARTHEST as u32 && p.home_back_off <= p.home_travel, Field::HomeTravel),
+        (
+            p.home_travel <= FARTHEST as u32
+                && p.home_back_off <= p.home_travel
+                && (1..=FARTHEST as u32).contains(&p.home_switch_steps),
+            Field::HomeTravel,
+        ),
     ];
     checks.into_iter().find_map(|(good, field)| (!good).then_some(field))
 }

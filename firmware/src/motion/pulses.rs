@@ -1,9 +1,13 @@
-//! The step pins, and the home switches, which have to be read at each step.
+//! The step pins, and the home switches, which have to be read at each step, and often enough between slow ones, at times that are
+//! known: all that is done here is done by the one clock that the steps are made by, whatever else the controller is doing.
 
 use lobelia_protocol::AXES;
 
 use crate::board::{Board, PinFailure, StepPins, is_high};
-use crate::motion::trains::Trains;
+use crate::motion::trains::{Edges, Trains};
+
+/// Switches that are watched are looked at this often, µs.
+const LOOK_EVERY_US: u32 = 250;
 
 /// What to look at when an axis has made a step.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
@@ -11,7 +15,7 @@ pub(crate) enum Watch {
     /// Nothing.
     #[default]
     Nothing,
-    /// The home switch, which must stay open.
+    /// The home switch, which must not close for as long as a switch is debounced.
     Limit,
     /// The home switch, whose changes are written down.
     Switch,
@@ -24,6 +28,8 @@ pub(crate) enum Trip {
     Limit,
     /// A pin that could not be driven or read.
     Pin,
+    /// A step that came too late.
+    Late,
 }
 
 /// The home switch as it was last seen.
@@ -31,9 +37,18 @@ pub(crate) enum Trip {
 pub(crate) struct Sight {
     /// Whether it was closed.
     pub(crate) closed: bool,
-    /// Position and time in µs of the first look since when it was.
+    /// Position at the first look since when it was.
     pub(crate) position: i32,
-    pub(crate) since_us: u32,
+    /// Times in µs of the first and the last look of those.
+    since_us: u32,
+    seen_us: u32,
+}
+
+impl Sight {
+    /// How long it has been so as far as was seen, µs.
+    pub(crate) fn lasted_us(&self) -> u32 {
+        self.seen_us.wrapping_sub(self.since_us)
+    }
 }
 
 /// Where a board keeps the steps: in the controller, which then has to make them by [`Controller::tick`](crate::Controller::tick),
@@ -59,6 +74,8 @@ impl<B: Board> PulsesCell<B> for Pulses<B> {
 struct Watcher<P> {
     home: P,
     watch: Watch,
+    /// How long a closed switch has to stay so, in µs.
+    debounce_us: u16,
     sight: Option<Sight>,
     trip: Option<Trip>,
 }
@@ -69,29 +86,61 @@ pub struct Pulses<B: Board> {
     pub(crate) trains: Trains,
     pins: B::StepPort,
     watchers: [Watcher<B::Input>; AXES],
-    /// Axes each of whose steps is followed by a look at the switch, a bit an axis.
+    /// Axes each of whose steps is followed by a look at the switch, a bit an axis, and when all those were last looked at.
     looks: u8,
+    looked_us: u32,
     tripped: bool,
 }
 
 impl<B: Board> Pulses<B> {
     pub(crate) fn new(pins: B::StepPort, homes: [B::Input; AXES]) -> Self {
-        let watchers = homes.map(|home| Watcher { home, watch: Watch::Nothing, sight: None, trip: None });
-        Self { trains: Trains::default(), pins, watchers, looks: 0, tripped: false }
+        let watchers = homes.map(|home| Watcher {
+            home,
+            watch: Watch::Nothing,
+            debounce_us: 0,
+            sight: None,
+            trip: None,
+        });
+        Self { trains: Trains::default(), pins, watchers, looks: 0, looked_us: 0, tripped: false }
     }
 
-    /// Raises and lowers the step pins that are due at a time in µs, the lower half of the controller's; gives when this has to
-    /// be called next, unless the controller is polled before.
-    pub fn step(&mut self, now_us: u32) -> Option<u32> {
+    /// Raises and lowers the step pins that are due, and looks at the switches; gives when this has to be called next, unless the
+    /// controller is polled before. `clock` tells the time in µs, the lower half of the controller's, and is asked again once pins have
+    /// changed: how long they stay counts from then.
+    pub fn step(&mut self, clock: impl Fn() -> u32) -> Option<u32> {
+        let now_us = clock();
         let edges = self.trains.step(now_us);
-        if !self.pins.write(edges.raise, edges.lower) {
-            self.trip(0, Trip::Pin);
+        if edges != Edges::default() {
+            if !self.pins.write(edges.raise, edges.lower) {
+                self.trip(0, Trip::Pin);
+            }
+            self.trains.made(edges, clock());
         }
-        let looks = edges.raise & self.looks;
-        if looks != 0 {
-            self.look_at(looks, now_us);
+        let overdue = self.trains.take_overdue();
+        if overdue != 0 {
+            self.trip_late(overdue);
         }
-        self.trains.next_us()
+        if self.looks != 0 {
+            let all = now_us.wrapping_sub(self.looked_us) >= LOOK_EVERY_US;
+            let looks = if all { self.looks } else { edges.raise & self.looks };
+            if all {
+                self.looked_us = now_us;
+            }
+            if looks != 0 {
+                self.look_at(looks, now_us);
+            }
+        }
+        self.next_us()
+    }
+
+    /// When [`Self::step`] has to be called next, in µs that wrap; `None` when there is nothing to do.
+    pub(crate) fn next_us(&self) -> Option<u32> {
+        let step = self.trains.next_us();
+        if self.looks == 0 {
+            return step;
+        }
+        let look = self.looked_us.wrapping_add(LOOK_EVERY_US);
+        Some(step.filter(|step| (step.wrapping_sub(look) as i32) < 0).unwrap_or(look))
     }
 
     #[inline(never)]
@@ -103,17 +152,25 @@ impl<B: Board> Pulses<B> {
 
     fn look(&mut self, axis: usize, now_us: u32) {
         let watcher = &mut self.watchers[axis];
-        if watcher.watch == Watch::Nothing {
-            return;
-        }
-        match (is_high(&mut watcher.home), watcher.watch) {
-            (Err(PinFailure), _) => self.trip(axis, Trip::Pin),
-            (Ok(true), Watch::Limit) => self.trip(axis, Trip::Limit),
-            (Ok(closed), Watch::Switch) if watcher.sight.is_none_or(|sight| sight.closed != closed) => {
+        let Ok(closed) = is_high(&mut watcher.home) else { return self.trip(axis, Trip::Pin) };
+        let sight = match watcher.sight {
+            Some(sight) if sight.closed == closed => Sight { seen_us: now_us, ..sight },
+            _ => {
                 let position = self.trains.position(axis);
-                watcher.sight = Some(Sight { closed, position, since_us: now_us });
+                Sight { closed, position, since_us: now_us, seen_us: now_us }
             }
-            (Ok(_), _) => {}
+        };
+        watcher.sight = Some(sight);
+        let debounce_us = watcher.debounce_us.into();
+        if watcher.watch == Watch::Limit && closed && sight.lasted_us() >= debounce_us {
+            self.trip(axis, Trip::Limit);
+        }
+    }
+
+    #[cold]
+    fn trip_late(&mut self, axes: u8) {
+        for axis in (0..AXES).filter(|axis| axes & 1 << axis != 0) {
+            self.trip(axis, Trip::Late);
         }
     }
 
@@ -122,21 +179,34 @@ impl<B: Board> Pulses<B> {
         self.watchers[axis].trip = Some(trip);
         self.tripped = true;
         self.trains.cease(axis);
+        self.looks &= !(1 << axis);
     }
 
-    /// Makes an axis ready for a run from rest.
-    pub(crate) fn begin(&mut self, axis: usize, forward: bool, watch: Watch) {
+    /// Makes an axis ready for a run from rest, whose direction pin has just been set. `debounce_us` is how long its switch has to be
+    /// closed in order to count.
+    pub(crate) fn begin(&mut self, axis: usize, forward: bool, watch: Watch, debounce_us: u16, now_us: u32) {
         self.trains.begin(axis, forward);
+        if self.looks == 0 {
+            self.looked_us = now_us;
+        }
         let watcher = &mut self.watchers[axis];
         watcher.watch = watch;
+        watcher.debounce_us = debounce_us;
         watcher.sight = None;
         self.looks = self.looks & !(1 << axis) | u8::from(watch != Watch::Nothing) << axis;
+    }
+
+    /// Looks no longer at an axis's switch.
+    pub(crate) fn look_away(&mut self, axis: usize) {
+        self.looks &= !(1 << axis);
+        self.watchers[axis].sight = None;
     }
 
     /// Makes an axis cease at once and forget the steps handed over.
     pub(crate) fn halt(&mut self, axis: usize) -> Result<(), PinFailure> {
         self.trains.cease(axis);
         self.trains.lowered(axis);
+        self.look_away(axis);
         self.watchers[axis].trip = None;
         if self.pins.write(0, 1 << axis) { Ok(()) } else { Err(PinFailure) }
     }
@@ -157,11 +227,8 @@ impl<B: Board> Pulses<B> {
         is_high(&mut self.watchers[axis].home)
     }
 
-    /// The home switch, looked at again, of an axis that watches it and has made a step.
-    pub(crate) fn sight(&mut self, axis: usize, now_us: u32) -> Option<Sight> {
-        if self.watchers[axis].sight.is_some() {
-            self.look(axis, now_us);
-        }
+    /// What was last seen of the home switch of an axis that watches it.
+    pub(crate) fn sight(&self, axis: usize) -> Option<Sight> {
         self.watchers[axis].sight
     }
 }

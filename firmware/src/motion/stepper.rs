@@ -95,6 +95,11 @@ impl Stepper {
         Some(self.origin + total)
     }
 
+    /// When the first step that was not handed over yet is due, in ticks.
+    pub(crate) fn next_due(&self) -> Option<u64> {
+        self.next.map(|next| self.origin + next.time)
+    }
+
     /// Starts a run from rest over a distance, in the times given.
     pub(crate) fn start(&mut self, now: u64, forward: bool, distance: u32, limits: Limits, times: Times) {
         self.forward = forward;

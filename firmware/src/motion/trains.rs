@@ -2,7 +2,8 @@
 //!
 //! The planner hands bursts over ahead of time ([`Trains::push`]); [`Trains::step`] tells which pins to change and when it
 //! wants to be called again. A step made late shifts all that follows on its axis, so that no limit is passed whatever the caller
-//! does. A pulse ends when another axis is served anyway, or halfway to the axis's next step.
+//! does; one that is later than by half its interval is told ([`Trains::take_overdue`]), since the motor may not follow such a gap.
+//! A pulse ends when another axis is served anyway, or halfway to the axis's next step.
 
 use heapless::Deque;
 use lobelia_protocol::AXES;
@@ -10,16 +11,14 @@ use lobelia_protocol::AXES;
 use crate::motion::burst::Burst;
 use crate::motion::fixed::TICK_SHIFT;
 
-/// Shortest time that a step pin stays high, and low, in µs.
-const PULSE_US: u32 = 2;
-/// The same in ticks.
-const PULSE: i32 = (PULSE_US << TICK_SHIFT) as i32;
-/// Longest that it stays high when no other axis is served meanwhile, in ticks.
+/// A step may be this late, in ticks, however soon after the last one it was due: 100 µs.
+const BEARABLE: u32 = 100 << TICK_SHIFT;
+/// Longest that a pin stays high when no other axis is served meanwhile, in ticks.
 const LONG_PULSE: i32 = 16 << TICK_SHIFT;
 /// An axis without steps is looked at again after so many ticks, 4 s: half of what a difference of times holds.
 const FAR: i32 = 1 << 30;
 /// Bursts of an axis that may wait.
-const WAITING: usize = 4;
+const WAITING: usize = 12;
 
 /// Pins to change at once, a bit an axis; the low ones first.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
@@ -36,9 +35,30 @@ struct Change {
 }
 
 impl Change {
-    /// Whether it is too early for another change.
-    fn is_fresh(&self, now_us: u32) -> bool {
-        now_us.wrapping_sub(self.at_us) < PULSE_US
+    /// Whether it is too early for another change, which has to be `hold_us` after it.
+    fn is_fresh(&self, now_us: u32, hold_us: u32) -> bool {
+        now_us.wrapping_sub(self.at_us) < hold_us
+    }
+}
+
+/// How long pins must stay as they are, in µs by a clock that counts whole ones: one more than asked for.
+#[derive(Debug, Clone, Copy)]
+struct Timing {
+    /// A step pin, high or low.
+    hold_us: u32,
+    /// A direction pin before its axis's next step.
+    setup_us: u32,
+}
+
+impl Timing {
+    fn hold(self) -> i32 {
+        (self.hold_us << TICK_SHIFT) as i32
+    }
+}
+
+impl Default for Timing {
+    fn default() -> Self {
+        Self { hold_us: 2, setup_us: 1 }
     }
 }
 
@@ -57,12 +77,20 @@ struct Train {
     direction: i32,
     /// Ticks by which steps were late since the run began.
     late: u32,
+    /// When the last step was made, in ticks.
+    made: u32,
 }
 
 /// All axes' steps.
 #[derive(Debug, Default)]
 pub(crate) struct Trains {
     trains: [Train; AXES],
+    timing: Timing,
+    /// Axes whose direction was set, until that time has been looked at; axes whose run has made no step yet; axes with a step that
+    /// came too late.
+    turned: u8,
+    unstarted: u8,
+    overdue: u8,
     /// Axes with steps to make.
     active: u8,
     /// Axes whose pins were raised last, and those raised before that are still high.
@@ -114,8 +142,13 @@ impl Trains {
     #[inline(never)]
     pub(crate) fn step(&mut self, now_us: u32) -> Edges {
         let now = now_us << TICK_SHIFT;
+        if self.turned & self.active != 0 {
+            self.turn(now_us);
+        }
         let lower = self.lower(now_us);
-        let blocked = self.high() | if self.lowered.is_fresh(now_us) { self.lowered.pins } else { 0 };
+        let (hold_us, hold) = (self.timing.hold_us, self.timing.hold());
+        let blocked =
+            self.high() | if self.lowered.is_fresh(now_us, hold_us) { self.lowered.pins } else { 0 };
         let may_rise = self.active & !blocked;
         let mut raise = 0;
         let (mut wait, mut soonest) = (FAR, FAR);
@@ -136,25 +169,49 @@ impl Trains {
             self.raise(raise, now_us, soonest);
         }
         if self.high() != 0 {
-            wait = wait.min((self.lower_by.wrapping_sub(now) as i32).max(PULSE));
+            wait = wait.min((self.lower_by.wrapping_sub(now) as i32).max(hold));
         }
         self.next_us = now_us.wrapping_add((wait as u32).div_ceil(1 << TICK_SHIFT));
         Edges { lower, raise }
     }
 
+    /// The direction pins of axes about to move were set before `now_us`: no step of theirs is due before the set-up time is over.
+    #[cold]
+    fn turn(&mut self, now_us: u32) {
+        let least = now_us.wrapping_add(self.timing.setup_us) << TICK_SHIFT;
+        for axis in (0..AXES).filter(|axis| self.turned & self.active & 1 << axis != 0) {
+            let early = least.wrapping_sub(self.trains[axis].due()) as i32;
+            if early > 0 {
+                self.trains[axis].delay(early as u32);
+            }
+        }
+        self.turned &= !self.active;
+    }
+
+    /// The edges of the last [`Self::step`] were made before `now_us`: from then on the pins have to stay.
+    #[inline(always)]
+    pub(crate) fn made(&mut self, edges: Edges, now_us: u32) {
+        if edges.raise != 0 {
+            self.raised.at_us = now_us;
+        }
+        if edges.lower != 0 {
+            self.lowered.at_us = now_us;
+        }
+    }
+
     /// Lowers the pins that have been high for long enough.
     #[inline(always)]
     fn lower(&mut self, now_us: u32) -> u8 {
+        let hold_us = self.timing.hold_us;
         let mut lower = 0;
-        if !self.raised.is_fresh(now_us) {
+        if !self.raised.is_fresh(now_us, hold_us) {
             lower = core::mem::take(&mut self.raised.pins);
         }
-        // Raised at least 1 µs before the others, so never more than two kinds are fresh.
-        if self.raised_before.pins != 0 && !self.raised_before.is_fresh(now_us) {
+        if self.raised_before.pins != 0 && !self.raised_before.is_fresh(now_us, hold_us) {
             lower |= core::mem::take(&mut self.raised_before.pins);
         }
         if lower != 0 {
-            let others = if self.lowered.is_fresh(now_us) { self.lowered.pins } else { 0 };
+            let others = if self.lowered.is_fresh(now_us, hold_us) { self.lowered.pins } else { 0 };
             self.lowered = Change { pins: others | lower, at_us: now_us };
         }
         lower
@@ -167,6 +224,8 @@ impl Trains {
         if self.high() == 0 || (by.wrapping_sub(self.lower_by) as i32) < 0 {
             self.lower_by = by;
         }
+        self.unstarted &= !pins;
+        // All that were raised earlier count as raised when the last of them was.
         if self.raised.pins != 0 {
             self.raised_before = Change { pins: self.high(), at_us: self.raised.at_us };
         }
@@ -177,7 +236,7 @@ impl Trains {
     #[cold]
     fn hinder(&mut self, axis: usize, now: u32) -> i32 {
         if self.active & 1 << axis != 0 {
-            return PULSE;
+            return self.timing.hold();
         }
         self.trains[axis].park(now);
         FAR
@@ -186,11 +245,12 @@ impl Trains {
     /// Makes a step that is so many ticks late; gives the ticks until the next.
     #[inline(always)]
     fn make(&mut self, axis: usize, now_us: u32, late: u32) -> i32 {
+        if late >= 1 << TICK_SHIFT {
+            self.late_step(axis, late);
+        }
         let train = &mut self.trains[axis];
         train.position = train.position.wrapping_add(train.direction);
-        if late >= 1 << TICK_SHIFT {
-            train.delay(late);
-        }
+        train.made = now_us << TICK_SHIFT;
         train.left = train.left.wrapping_sub(1);
         if train.left == 0 {
             self.next_burst(axis, now_us);
@@ -200,6 +260,18 @@ impl Trains {
             train.change = train.change.wrapping_add(train.bend);
         }
         self.trains[axis].due().wrapping_sub(now_us << TICK_SHIFT) as i32
+    }
+
+    /// Shifts what follows a late step, and notes one that is later than half as long as the interval before it should have been. A
+    /// run may begin late.
+    #[cold]
+    fn late_step(&mut self, axis: usize, late: u32) {
+        let train = &mut self.trains[axis];
+        let interval = train.due().wrapping_sub(train.made);
+        if late > (interval / 2).max(BEARABLE) && self.unstarted & 1 << axis == 0 {
+            self.overdue |= 1 << axis;
+        }
+        train.delay(late);
     }
 
     #[inline(never)]
@@ -241,8 +313,22 @@ impl Trains {
         self.trains[axis].late
     }
 
-    /// Makes an axis ready for a run from rest.
+    /// Axes with a step that came too late since this was last asked, a bit an axis.
+    #[inline(always)]
+    pub(crate) fn take_overdue(&mut self) -> u8 {
+        core::mem::take(&mut self.overdue)
+    }
+
+    /// Sets how long a step pin stays high, and low, at least, and how long before a step its direction pin is set, in µs.
+    pub(crate) fn set_timing(&mut self, pulse_us: u8, direction_setup_us: u8) {
+        self.timing =
+            Timing { hold_us: u32::from(pulse_us) + 1, setup_us: u32::from(direction_setup_us) + 1 };
+    }
+
+    /// Makes an axis ready for a run from rest, whose direction pin has just been set.
     pub(crate) fn begin(&mut self, axis: usize, forward: bool) {
+        self.turned |= 1 << axis;
+        self.unstarted |= 1 << axis;
         self.trains[axis].direction = if forward { 1 } else { -1 };
         self.trains[axis].late = 0;
     }
@@ -252,9 +338,9 @@ impl Trains {
         !self.waiting[axis].is_full()
     }
 
-    /// Ticks until an axis without room is down to its last burst but one.
+    /// Ticks until half of the bursts of an axis without room are made.
     pub(crate) fn ebb(&self, axis: usize, now_us: u32) -> i32 {
-        let at = self.waiting[axis].iter().nth(WAITING - 2).map_or(0, |burst| burst.at >> 32);
+        let at = self.waiting[axis].iter().nth(WAITING / 2).map_or(0, |burst| burst.at >> 32);
         (at as u32).wrapping_add(self.late(axis)).wrapping_sub(now_us << TICK_SHIFT) as i32
     }
 
@@ -266,7 +352,9 @@ impl Trains {
             return;
         }
         train.take(&burst);
-        let wait = (train.due().wrapping_sub(now_us << TICK_SHIFT) as i32).max(0) as u32;
+        // A new direction is looked at at once.
+        let due = if self.turned & 1 << axis != 0 { now_us << TICK_SHIFT } else { train.due() };
+        let wait = (due.wrapping_sub(now_us << TICK_SHIFT) as i32).max(0) as u32;
         let due_us = now_us.wrapping_add(wait.div_ceil(1 << TICK_SHIFT));
         if self.next_us().is_none_or(|next| (due_us.wrapping_sub(next) as i32) < 0) {
             self.next_us = due_us;
@@ -296,14 +384,16 @@ mod tests {
 
     proptest! {
         #[test]
-        fn pulses_and_gaps_last_two_microseconds_however_fast_and_late(
+        fn pulses_and_gaps_last_as_long_as_was_asked_for_however_fast_and_late(
             intervals_us in proptest::array::uniform4(5.0..40.0f64), start_us in any::<u32>(),
-            late_us in proptest::collection::vec(0..4u32, 16),
+            late_us in proptest::collection::vec(0..4u32, 16), pulse_us in 1..9u8,
         ) {
             const STEPS: u32 = 300;
             let mut trains = Trains::default();
+            trains.set_timing(pulse_us, 0);
             for (axis, interval_us) in intervals_us.into_iter().enumerate() {
                 trains.begin(axis, true);
+                let interval_us = interval_us.max(f64::from(2 * pulse_us + 4));
                 let interval = (interval_us * 1_099_511_627_776.0) as u64;
                 let at = u64::from(start_us << TICK_SHIFT) + 1000;
                 trains.push(axis, start_us, Burst::even(at, 0, interval, STEPS));
@@ -317,7 +407,8 @@ mod tests {
                     for (pins, level) in [(edges.lower, false), (edges.raise, true)] {
                         if pins & 1 << axis != 0 {
                             prop_assert_eq!(high[axis], !level);
-                            prop_assert!(now_us.wrapping_sub(changed_us[axis]) >= PULSE_US);
+                            // Whole ones of a clock: one more than the time that has surely passed.
+                            prop_assert!(now_us.wrapping_sub(changed_us[axis]) > u32::from(pulse_us));
                             (high[axis], changed_us[axis]) = (level, now_us);
                         }
                     }

@@ -1,4 +1,5 @@
-//! The time in µs since the start, from a counter that counts down, wraps and interrupts.
+//! The time in µs since the start, from a counter that counts down, wraps and interrupts, or from one that counts µs up and wraps
+//! at 32 bits.
 
 use core::sync::atomic::{AtomicU32, Ordering::Relaxed};
 
@@ -66,9 +67,48 @@ impl<const TICKS_PER_US: u32, const PERIOD_US: u32> Default for Clock<TICKS_PER_
     }
 }
 
+/// A counter of µs that wraps at 32 bits, extended to 64. Nothing has to happen when it wraps: it is enough to ask for the time once
+/// a turn, 71 minutes.
+#[derive(Debug, Default)]
+pub struct Extended {
+    /// Turns of the counter, and what it last read.
+    turns: AtomicU32,
+    last: AtomicU32,
+}
+
+impl Extended {
+    /// A counter that has not yet turned.
+    pub const fn new() -> Self {
+        Self { turns: AtomicU32::new(0), last: AtomicU32::new(0) }
+    }
+
+    /// The time in µs, from the counter's reading. Only the main loop may ask, so that readings come in order.
+    pub fn now_us(&self, count: u32) -> u64 {
+        let mut turns = self.turns.load(Relaxed);
+        if count < self.last.load(Relaxed) {
+            turns = turns.wrapping_add(1);
+            self.turns.store(turns, Relaxed);
+        }
+        self.last.store(count, Relaxed);
+        u64::from(turns) << 32 | u64::from(count)
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn counter_of_32_bits_goes_on_past_each_wrap() {
+        let clock = Extended::new();
+        let mut at = 0;
+        // A little less than a turn at a time.
+        for _ in 0..10 {
+            assert_eq!(clock.now_us(at as u32), at);
+            at += 0xFFFF_0000u64;
+        }
+        assert!(at >> 32 > 8);
+    }
 
     type TestClock = Clock<50, 1000>;
 

@@ -149,6 +149,8 @@ fn configuration() -> Configuration {
         home_speed: 5000,
         home_slow_speed: 500,
         home_back_off: 20,
+        home_switch_steps: 500,
+        home_order: 0,
         home_travel: 5000,
         home_debounce_us: 0,
         index_tolerance: 4,
@@ -162,8 +164,12 @@ fn configuration() -> Configuration {
             lease_ms: 0,
             lamp_lease_ms: 0,
             lamp_safe_level: 0,
+            lamp_longest_s: 172_800,
+            fan_run_on_s: 300,
             camera_wait_ms: 0,
             coordinated: false,
+            pulse_us: 2,
+            direction_setup_us: 5,
         },
     }
 }

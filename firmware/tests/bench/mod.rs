@@ -38,6 +38,9 @@ pub(crate) struct Bench {
     pub(crate) switch_up: bool,
     pub(crate) shutter: Vec<(u64, bool)>,
     pub(crate) lamp: bool,
+    pub(crate) fan: bool,
+    /// How often the heartbeat has changed.
+    pub(crate) beats: u32,
     pub(crate) stop_pressed: bool,
     pub(crate) stalled: [bool; 4],
     pub(crate) hot: bool,
@@ -71,6 +74,8 @@ enum Role {
     Home(usize),
     Shutter,
     Lamp,
+    Fan,
+    Heartbeat,
     Stop,
     Stall(usize),
     Hot,
@@ -127,6 +132,8 @@ impl Pin {
             Role::Enable(axis) => bench.enabled[axis] = high,
             Role::Shutter => bench.shutter.push((now, high)),
             Role::Lamp => bench.lamp = high,
+            Role::Fan => bench.fan = high,
+            Role::Heartbeat => bench.beats += 1,
             Role::Step(_) | Role::Home(_) | Role::Stop | Role::Stall(_) | Role::Hot | Role::CameraReady => {}
         }
     }
@@ -257,6 +264,9 @@ impl Rig {
             storage,
             emergency_stop: Some(emergency_stop),
             watchdog: Some(Box::leak(Box::new(Dog(Arc::clone(&meals))))),
+            fan: Some(pin(Role::Fan)),
+            heartbeat: Some(pin(Role::Heartbeat)),
+            most_steps_per_s: Some(30_000),
             crash: Some(CrashRecord { cause: CrashCause::HardFault, place: 0x0800_1234 }),
         };
         let controller = Controller::with_options(peripherals, options);
@@ -423,6 +433,8 @@ pub(crate) fn configuration() -> Configuration {
         home_speed: max_speed / 2,
         home_slow_speed: 50,
         home_back_off: 60,
+        home_switch_steps: 500,
+        home_order: 0,
         home_travel: 4000,
         home_debounce_us: 2000,
         index_tolerance: 2,
@@ -436,8 +448,12 @@ pub(crate) fn configuration() -> Configuration {
             lease_ms: 0,
             lamp_lease_ms: 0,
             lamp_safe_level: 0,
+            lamp_longest_s: 172_800,
+            fan_run_on_s: 0,
             camera_wait_ms: 50,
             coordinated: true,
+            pulse_us: 2,
+            direction_setup_us: 5,
         },
     }
 }

@@ -55,6 +55,24 @@ pub enum Record {
         /// The controller's clock.
         controller_us: u64,
     },
+    /// The home switches were where they should be: so many poses were photographed where the plan has them.
+    Checked {
+        /// Poses from the plan's first one on.
+        poses: usize,
+        /// By how many steps each axis was off, within the tolerance.
+        lost_steps: [i32; 4],
+        /// The controller's clock.
+        controller_us: u64,
+    },
+    /// They were not: poses from one on have to be photographed again.
+    Suspect {
+        /// The first of them.
+        from: usize,
+        /// By how many steps each axis was off.
+        lost_steps: [i32; 4],
+        /// The controller's clock.
+        controller_us: u64,
+    },
     /// The run is complete.
     Finished {
         /// The controller's clock.
@@ -71,6 +89,8 @@ impl Record {
             | Self::Dark { controller_us, .. }
             | Self::LampOn { controller_us }
             | Self::Pose { controller_us, .. }
+            | Self::Checked { controller_us, .. }
+            | Self::Suspect { controller_us, .. }
             | Self::Finished { controller_us } => Some(*controller_us),
         }
     }

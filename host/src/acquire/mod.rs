@@ -16,6 +16,7 @@ use crate::warning::frames;
 use crate::warning::samples::PoseSamples;
 use crate::{files, progress};
 
+mod check;
 pub mod journal;
 mod judge;
 #[cfg(feature = "sim")]
@@ -151,7 +152,8 @@ pub fn sha256(bytes: &[u8]) -> String {
 /// # Errors
 /// Failures of the link, the rig, the camera or the disk. The journal holds what was done; `--resume` continues.
 pub fn run(run: &RunFolder, journal: &mut Journal, station: &mut Station) -> Result<Acquired> {
-    let mut steps = Steps { run, journal, station, samples: Vec::new() };
+    let checked = check::checked(&run.records);
+    let mut steps = Steps { run, journal, station, samples: Vec::new(), checked };
     if run.finished() {
         let controller_s = steps.last_us() as f64 * 1e-6;
         return Ok(Acquired { poses: 0, controller_s, samples: Vec::new() });
@@ -175,6 +177,8 @@ struct Steps<'a> {
     station: &'a mut Station,
     /// How the samples of each pose photographed now fared.
     samples: Vec<(usize, PoseSamples)>,
+    /// Poses that the last check found good.
+    checked: usize,
 }
 
 impl Steps<'_> {
@@ -299,16 +303,16 @@ impl Steps<'_> {
     }
 
     fn poses(&mut self) -> Result<()> {
-        let recorded = self.run.records.iter().filter_map(|record| match record {
-            Record::Pose { index, .. } => Some(*index),
-            _ => None,
-        });
-        let first = recorded.max().map_or(0, |last| last + 1);
+        let first = check::first_left(&self.run.records);
         if first > 0 {
             // From the last pose on, everything happens as if the run had never been broken off.
             self.station.client.move_to(self.run.rig.steps(self.run.plan.poses[first - 1].degrees()))?;
             let time = self.last_us();
             self.catch_up(Some(time));
+        }
+        // Broken off before its check.
+        if self.check_is_due(first) && self.checked < first {
+            self.check(first)?;
         }
         let count = self.run.plan.poses.len();
         let bar = progress::bar("acquiring", (count - first) as u64, "poses");
@@ -316,6 +320,9 @@ impl Steps<'_> {
             check_interrupt()?;
             self.pose(index).map_err(|error| error.at(format!("pose {index}")))?;
             bar.advance(1);
+            if self.check_is_due(index + 1) {
+                self.check(index + 1)?;
+            }
         }
         Ok(())
     }

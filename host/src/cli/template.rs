@@ -46,6 +46,15 @@ const RIG_HEADING: &str =
     "# A rig. Lengths in mm, angles in degrees, times in s; keys left out keep the values shown here.\n";
 
 const RIG_DRIVER: &str = "
+# An axis that is homed otherwise than usual may have:
+# [axes.pan.homing]
+# end = \"lower\"             # of the travel, at which its switch is; with \"upper\" home_deg is above max_deg
+# speed_deg_s = 20.0        # of the first search: a third of max_speed_deg_s unless it is said
+# slow_speed_deg_s = 1.0    # of the measuring: a sixtieth
+# back_off_deg = 1.0        # before the measuring
+# debounce_ms = 3.0         # the switch counts once it has been closed, or open, for so long
+# index_tolerance_steps = 4 # a check of the position passes within so many
+
 # An axis whose TMC2209 is on the controller's wire (its address: 0 pan, 1 tilt, 2 roll, 3 light) may have:
 # [axes.pan.driver]
 # run_ma = 800              # current of a phase while it turns
@@ -63,8 +72,13 @@ const MATERIAL_HEADING: &str = "\
 ";
 
 /// What the keys of a rig mean that do not say so themselves.
-const COMMENTS: [(&str, &str); 31] = [
+const COMMENTS: [(&str, &str); 39] = [
     ("home_deg", "angle of the home switch's edge, below min_deg"),
+    (
+        "home_switch_deg",
+        "travel with the switch closed, down to the hard stop; closed for longer means stuck or a broken wire",
+    ),
+    ("home_order", "axes with a lower number are homed first"),
     ("take_up_deg", "overshoot that takes up the backlash: every position is approached from below"),
     ("settle_s", "rest after a move before the rig counts as still"),
     (
@@ -73,6 +87,9 @@ const COMMENTS: [(&str, &str); 31] = [
     ),
     ("full_turn", "whether the axis may take the shorter way round"),
     ("coordinated", "all axes arrive at once"),
+    ("check_every_poses", "a run looks for the home switches so often, and after the last pose; 0 for never"),
+    ("pulse_us", "shortest time that a step pin stays high, and low: the longest that a driver wants"),
+    ("direction_setup_us", "shortest time from a change of direction to the next step, likewise"),
     ("camera_distance_mm", "from the crossing of pan and tilt to the lens"),
     ("light_radius_mm", "of the light's arc about the same point"),
     ("carrier_offset_mm", "of the sample's surface above the crossing of pan and tilt"),
@@ -90,11 +107,17 @@ const COMMENTS: [(&str, &str); 31] = [
     ("reference_reading", "of the photodiode at that radiance"),
     ("warm_up_s", "before the lamp may be used"),
     ("safe_level", "of the lamp, 0 to 1, when the controller no longer hears its host"),
+    ("longest_s", "the controller puts the lamp out when it has burnt for this long, whatever it hears"),
+    ("fan_run_on_s", "when the lamp has gone out, where the controller has a fan"),
     ("texels_across", "the sample's width; rows follow from its height"),
     ("tag_size_mm", "outer edge of a tag's black border (family 36h11)"),
     (
         "exif",
         "how far a frame's EXIF exposure must be the controller's: \"nominal\" (a third of a stop), \"exact\", \"ignore\"",
+    ),
+    (
+        "ready_wait_s",
+        "how long an exposure waits for the camera's ready output, where the controller has an input for it",
     ),
     ("count", "exposures a pose, 1 to 3"),
     ("darkest_reflectance", "1/sr that the longest exposure should still resolve"),

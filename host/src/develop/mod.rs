@@ -339,6 +339,10 @@ fn recorded_poses(
                 Error::input(format!("the journal records pose {index}, the plan has {count} poses"))
             })? = Some(exposures.clone());
         }
+        // They were photographed somewhere else than the plan has them, until they are recorded again.
+        if let Record::Suspect { from, .. } = record {
+            poses.iter_mut().skip(*from).for_each(|exposures| *exposures = None);
+        }
     }
     let named = poses.into_iter().enumerate().map(|(index, exposures)| match exposures {
         _ if options.skip.contains(&index) => Err("it was asked for".to_string()),

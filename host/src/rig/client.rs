@@ -88,7 +88,8 @@ impl RigClient {
                 }
                 if client.wire().is_real_time() {
                     let wire = Arc::clone(&client.wire);
-                    client.keep_alive = Some(KeepAlive::start(wire, hello.session, keep_alive::PERIOD));
+                    client.keep_alive =
+                        Some(KeepAlive::start(wire, hello.session, keep_alive::PERIOD, keep_alive::LONGEST));
                 }
                 return Ok(client);
             }
@@ -175,7 +176,16 @@ impl RigClient {
 
     /// Homes all axes by so many slow approaches; tells how the switches' edges scatter.
     pub fn home_repeatedly(&mut self, approaches: u8) -> Result<HomingReport> {
-        match self.call(Command::HomeRepeatedly { approaches })? {
+        self.home_by(Command::HomeRepeatedly { approaches }, approaches)
+    }
+
+    /// The same for some axes (pan, tilt, roll, light); the others stay where they are.
+    pub fn home_axes(&mut self, axes: [bool; 4], approaches: u8) -> Result<HomingReport> {
+        self.home_by(Command::HomeAxes { axes, approaches }, approaches)
+    }
+
+    fn home_by(&mut self, command: Command, approaches: u8) -> Result<HomingReport> {
+        match self.call(command)? {
             Answer::Homed(report) => Ok(report),
             Answer::At(positions) => Ok(HomingReport { positions, spread_steps: [0; 4], approaches }),
             _ => Err(out_of_place()),

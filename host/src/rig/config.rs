@@ -2,7 +2,7 @@
 //!
 //! Lengths in mm, angles in degrees, times in seconds, as the key names say.
 
-use lobelia_protocol::{AxisParameters, Configuration, DriverParameters, HomeDirection, Settings};
+use lobelia_protocol::{AxisParameters, Configuration, DriverParameters, Settings};
 use std::path::Path;
 
 use serde::{Deserialize, Serialize};
@@ -10,6 +10,9 @@ use serde::{Deserialize, Serialize};
 use crate::toml_file;
 
 pub(crate) mod check;
+mod homing;
+
+pub use homing::{End, Homing};
 
 /// The whole file.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
@@ -67,8 +70,15 @@ pub struct Axis {
     pub min_deg: f64,
     /// Upper soft limit.
     pub max_deg: f64,
-    /// Angle of the home switch's edge, below the lower limit.
+    /// Angle of the home switch's edge, below the lower limit, or above the upper one with `homing.end = "upper"`.
     pub home_deg: f64,
+    /// How far the axis can go with its home switch closed, from the edge to the hard stop. A switch that stays closed over this is
+    /// stuck, or its wire is broken.
+    #[serde(default = "default_switch")]
+    pub home_switch_deg: f64,
+    /// Axes with a lower number are homed before those with a higher one; those with the same together.
+    #[serde(default)]
+    pub home_order: u8,
     /// Highest speed.
     pub max_speed_deg_s: f64,
     /// Highest acceleration.
@@ -86,6 +96,9 @@ pub struct Axis {
     pub settle_s: f64,
     /// Largest angular error of a position (table 3.1); the weight of the motors against the fiducials.
     pub repeatability_deg: f64,
+    /// How the axis is homed, where that is otherwise than usual.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub homing: Option<Homing>,
     /// The axis's TMC2209, where the controller sets it up over its wire; its address is the axis's number from 0.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub driver: Option<Driver>,
@@ -126,6 +139,10 @@ fn default_jerk() -> f64 {
     400.0
 }
 
+fn default_switch() -> f64 {
+    8.0
+}
+
 impl Default for Axes {
     fn default() -> Self {
         let head = |limit: f64, repeatability_deg: f64| Axis {
@@ -133,6 +150,8 @@ impl Default for Axes {
             min_deg: -limit,
             max_deg: limit,
             home_deg: -limit - 5.0,
+            home_switch_deg: default_switch(),
+            home_order: 0,
             max_speed_deg_s: 60.0,
             acceleration_deg_s2: 120.0,
             jerk_deg_s3: 1200.0,
@@ -140,6 +159,7 @@ impl Default for Axes {
             take_up_deg: 0.5,
             settle_s: 0.2,
             repeatability_deg,
+            homing: None,
             driver: None,
         };
         let light = Axis {
@@ -148,6 +168,8 @@ impl Default for Axes {
             min_deg: 10.0,
             max_deg: 175.0,
             home_deg: 5.0,
+            home_switch_deg: default_switch(),
+            home_order: 0,
             max_speed_deg_s: 20.0,
             acceleration_deg_s2: 40.0,
             jerk_deg_s3: 400.0,
@@ -155,6 +177,7 @@ impl Default for Axes {
             take_up_deg: 0.2,
             settle_s: 0.3,
             repeatability_deg: 0.1411,
+            homing: None,
             driver: None,
         };
         Self { pan: head(90.0, 0.786), tilt: head(90.0, 0.786), roll: head(180.0, 0.786), light }
@@ -170,6 +193,12 @@ impl Axis {
         };
         let positive = |degrees: f64| signed(degrees).and_then(|steps| u32::try_from(steps).ok());
         let settle_ms = (self.settle_s * 1e3).round();
+        let homing = self.homing.clone().unwrap_or_default();
+        let speed = |own: Option<f64>, part: f64| positive(own.unwrap_or(self.max_speed_deg_s / part));
+        let far_limit = match homing.end {
+            End::Lower => self.max_deg,
+            End::Upper => self.min_deg,
+        };
         Some(AxisParameters {
             min_steps: signed(self.min_deg)?,
             max_steps: signed(self.max_deg)?,
@@ -179,16 +208,18 @@ impl Axis {
             full_turn_steps: if self.full_turn { positive(360.0)? } else { 0 },
             take_up_steps: positive(self.take_up_deg)?,
             settle_ms: (0.0..=65535.0).contains(&settle_ms).then_some(settle_ms as u16)?,
-            home_direction: HomeDirection::Negative,
-            // The first whole step above the switch's edge.
-            home_position: signed((self.home_deg / self.degrees_per_step).floor() * self.degrees_per_step)?
-                + 1,
-            home_speed: positive(self.max_speed_deg_s / 3.0)?.max(1),
-            home_slow_speed: positive(self.max_speed_deg_s / 60.0)?.max(1),
-            home_back_off: positive(1.0)?.max(1),
-            home_travel: positive(self.max_deg - self.home_deg + 20.0)?,
-            home_debounce_us: 3000,
-            index_tolerance: 4,
+            home_direction: homing.direction(),
+            home_position: signed(
+                homing.edge(self.home_deg / self.degrees_per_step) * self.degrees_per_step,
+            )?,
+            home_speed: speed(homing.speed_deg_s, 3.0)?.max(1),
+            home_slow_speed: speed(homing.slow_speed_deg_s, 60.0)?.max(1),
+            home_back_off: positive(homing.back_off_deg)?.max(1),
+            home_switch_steps: positive(self.home_switch_deg)?.max(1),
+            home_order: self.home_order,
+            home_travel: positive((far_limit - self.home_deg).abs() + 20.0)?,
+            home_debounce_us: (homing.debounce_ms * 1e3).round() as u16,
+            index_tolerance: homing.index_tolerance_steps,
             driver: match &self.driver {
                 None => None,
                 Some(driver) => Some(DriverParameters {
@@ -210,13 +241,21 @@ impl Axis {
 pub struct Motion {
     /// Whether all axes arrive at once, each slowed down to the slowest one's time; or else each as soon as it can.
     pub coordinated: bool,
+    /// A run looks for the home switches after every so many poses, and after the last; 0 for never. Poses since the last look are
+    /// photographed again when steps were lost.
+    pub check_every_poses: usize,
+    /// Shortest time that a step pin stays high, and low, µs: the longest that a driver wants, which is 1 for an A4988, 1.9 for a
+    /// DRV8825, 2.5 for a DM542.
+    pub pulse_us: u8,
+    /// Shortest time from a change of direction to the next step, µs: the longest that a driver wants, 5 for a DM542.
+    pub direction_setup_us: u8,
     /// The controller stops smoothly when it hears nothing for this long while it is moving; 0 for never.
     pub lease_s: f64,
 }
 
 impl Default for Motion {
     fn default() -> Self {
-        Self { coordinated: true, lease_s: 2.0 }
+        Self { coordinated: true, check_every_poses: 500, pulse_us: 3, direction_setup_us: 6, lease_s: 2.0 }
     }
 }
 
@@ -280,6 +319,8 @@ pub struct Camera {
     pub max_exposure_s: f64,
     /// Relative aperture, as written into the frames.
     pub f_number: f64,
+    /// How long an exposure waits for the camera's ready output, where the controller has an input for it.
+    pub ready_wait_s: f64,
     /// How far the exposure that a frame's EXIF block states must be the controller's.
     pub exif: ExifExposure,
 }
@@ -313,6 +354,7 @@ impl Default for Camera {
             min_exposure_s: 1.0 / 8000.0,
             max_exposure_s: 2.0,
             f_number: 16.0,
+            ready_wait_s: 2.0,
             exif: ExifExposure::Nominal,
         }
     }
@@ -338,10 +380,14 @@ pub struct Lamp {
     /// Time after switching on before it may be used.
     pub warm_up_s: f64,
     /// The controller puts the lamp to its safe level when it hears nothing for this long; 0 for never. While a program of ours
-    /// holds the port, it is heard from every half second, whatever else it does.
+    /// holds the port, it is heard from every half second, whatever else it does, until it has asked for nothing itself for ten minutes.
     pub lease_s: f64,
     /// The lamp's level then, 0 to 1; at 0 it is switched off.
     pub safe_level: f64,
+    /// The controller puts the lamp out when it has burnt for this long, whatever it hears.
+    pub longest_s: f64,
+    /// How long the lamp's fan, where the controller has one, runs on when the lamp has gone out.
+    pub fan_run_on_s: f64,
 }
 
 impl Default for Lamp {
@@ -353,6 +399,8 @@ impl Default for Lamp {
             warm_up_s: 900.0,
             lease_s: 2.0,
             safe_level: 0.0,
+            longest_s: 172_800.0,
+            fan_run_on_s: 300.0,
         }
     }
 }
@@ -580,8 +628,12 @@ impl RigConfig {
                 lease_ms: milliseconds(self.motion.lease_s),
                 lamp_lease_ms: milliseconds(self.lamp.lease_s),
                 lamp_safe_level: (self.lamp.safe_level.clamp(0.0, 1.0) * 65535.0).round() as u16,
-                camera_wait_ms: 2000,
+                lamp_longest_s: self.lamp.longest_s.ceil() as u32,
+                fan_run_on_s: self.lamp.fan_run_on_s.ceil() as u16,
+                camera_wait_ms: milliseconds(self.camera.ready_wait_s) as u16,
                 coordinated: self.motion.coordinated,
+                pulse_us: self.motion.pulse_us,
+                direction_setup_us: self.motion.direction_setup_us,
             },
         })
     }

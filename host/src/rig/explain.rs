@@ -57,6 +57,10 @@ pub(crate) fn refusal(refusal: Refusal) -> Error {
         Refusal::Skipped { after } => Error::failure(format!(
             "the rig's controller did not begin a request, because request {after} before it was refused"
         )),
+        Refusal::NotAtRest => Error::failure(
+            "parameters can only be saved while the lamp is off, since writing them holds the controller up; \
+             put the lamp out first",
+        ),
         Refusal::Stopped => Error::failure("the rig was stopped before it had finished"),
     }
 }
@@ -118,6 +122,21 @@ fn fault(fault: Fault, axis: Option<Axis>) -> String {
         Fault::LampFailure => {
             "the lamp is switched on, but its photodiode is dark: check the lamp, its supply and the photodiode".to_owned()
         }
+        Fault::StepsLate => format!(
+            "the controller could not make the steps of {of} in time, so the motor may have lost some: lower max_speed_deg_s, and report \
+             it with a recording (--record)"
+        ),
+        Fault::SwitchStuck => format!(
+            "the home switch of {of} stayed closed over home_switch_deg: its wire is broken, or it is stuck, or home_switch_deg is too \
+             small"
+        ),
+        Fault::DriverLost => format!(
+            "the motor driver of {of} has lost its settings or no longer answers: check its supply and the wire to it, and measure again \
+             from the last check on"
+        ),
+        Fault::LampTimeout => {
+            "the lamp has burnt for longest_s of the rig's file and was put out; positions are kept".to_owned()
+        }
         Fault::LeaseExpired => {
             "the controller heard nothing from the host for too long, so it stopped and dimmed the lamp; positions are kept"
                 .to_owned()
@@ -140,6 +159,10 @@ fn name(field: Field) -> &'static str {
         Field::FullTurn => "the full turn",
         Field::Approaches => "the number of approaches",
         Field::TelemetryPeriod => "the period of telemetry",
+        Field::Pulse => "the length of step pulses",
+        Field::StepRate => "the sum of all axes' highest speeds",
+        Field::Axes => "the choice of axes",
+        Field::LampTime => "the lamp's longest time",
     }
 }
 
@@ -159,7 +182,17 @@ fn range(field: Field) -> &'static str {
             "it has to lie beyond the limits on the switch's side, by more than the take-up below"
         }
         Field::HomeSpeed => "they have to be at least 1 step/s and at most the highest speed",
-        Field::HomeTravel => "the back-off has to be within the travel, the travel at most 2^29 steps",
+        Field::HomeTravel => {
+            "the back-off has to be within the travel, the switch's width at least one step, all at most 2^29 steps"
+        }
+        Field::Pulse => {
+            "it has to be 1 to 100 µs, and two pulses, a µs more each, and 1 µs have to fit between two steps at the highest speed"
+        }
+        Field::StepRate => {
+            "the board cannot make so many steps a second; lower max_speed_deg_s or the microsteps"
+        }
+        Field::Axes => "at least one has to be chosen",
+        Field::LampTime => "it has to be at least 1 s",
         Field::Duration => "it has to be within the controller's shortest and longest exposure",
     }
 }

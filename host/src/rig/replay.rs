@@ -119,7 +119,10 @@ fn differences(recorded: &Exchange, now: &Outcome, exact: bool) -> Vec<String> {
 }
 
 fn is_homing(command: &Command) -> bool {
-    matches!(command, Command::Home | Command::HomeRepeatedly { .. } | Command::CheckIndex)
+    matches!(
+        command,
+        Command::Home | Command::HomeRepeatedly { .. } | Command::HomeAxes { .. } | Command::CheckIndex
+    )
 }
 
 /// What of each axis's steps is otherwise than recorded; `most_us` is raised to the largest difference of times.

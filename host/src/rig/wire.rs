@@ -21,6 +21,7 @@ pub(crate) struct Wire {
     /// Packets received before anyone asked for them.
     collected: VecDeque<ToHost>,
     rubbish: usize,
+    sent: u64,
 }
 
 /// Packets that may be collected before anyone asks for them; the oldest make room.
@@ -34,7 +35,13 @@ impl Wire {
             inbox: VecDeque::new(),
             collected: VecDeque::new(),
             rubbish: 0,
+            sent: 0,
         }
+    }
+
+    /// How many packets were sent so far.
+    pub(crate) fn sent(&self) -> u64 {
+        self.sent
     }
 
     pub(crate) fn is_real_time(&self) -> bool {
@@ -48,6 +55,7 @@ impl Wire {
 
     pub(crate) fn send(&mut self, packet: &ToController) -> Result<()> {
         let frame = packet.encode().map_err(|_| Error::failure("a request is longer than a frame may be"))?;
+        self.sent += 1;
         self.send_bytes(&frame)
     }
 

@@ -12,8 +12,12 @@ const SETTINGS: Settings = Settings {
     lease_ms: 2000,
     lamp_lease_ms: 60_000,
     lamp_safe_level: 9000,
+    lamp_longest_s: 172_800,
+    fan_run_on_s: 300,
     camera_wait_ms: 2000,
     coordinated: true,
+    pulse_us: 3,
+    direction_setup_us: 200,
 };
 
 fn axis_parameters(base: i32) -> AxisParameters {
@@ -31,6 +35,8 @@ fn axis_parameters(base: i32) -> AxisParameters {
         home_speed: 1500,
         home_slow_speed: 100,
         home_back_off: 200,
+        home_switch_steps: 1 << 20,
+        home_order: 2,
         home_travel: u32::MAX,
         home_debounce_us: 3000,
         index_tolerance: 4,
@@ -65,6 +71,7 @@ fn commands() -> Vec<Command> {
         Command::ReadAxis(Axis::Light),
         Command::ReadSettings,
         Command::Watch { telemetry_ms: 100, log: true },
+        Command::HomeAxes { axes: [true, false, false, true], approaches: 3 },
     ]
 }
 
@@ -123,6 +130,7 @@ fn outcomes() -> Vec<Outcome> {
             Refusal::NoStorage,
             Refusal::Driver { axis: Axis::Tilt, trouble: DriverTrouble::Garbled },
             Refusal::Skipped { after: 5 },
+            Refusal::NotAtRest,
         ]
         .map(Outcome::Refused),
     );

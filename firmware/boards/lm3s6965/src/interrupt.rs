@@ -138,7 +138,7 @@ fn now_wrapping_us() -> u32 {
 #[inline(always)]
 pub fn serve_steps(at: impl Fn(u32) -> u32) -> Option<u32> {
     timer::STEPS.clear().write(1);
-    let next = crate::steps::make(at(now_wrapping_us()))?;
+    let next = crate::steps::make(|| at(now_wrapping_us()))?;
     let left = next.wrapping_sub(at(now_wrapping_us())) as i32;
     arm(timer::STEPS, left.max(1) as u32);
     Some(next)

@@ -92,6 +92,9 @@ pub fn set_up() -> Option<Peripherals<Lm3s6965>> {
     Some(peripherals())
 }
 
+/// Half of what it can make with nothing else to do, over all axes.
+const MOST_STEPS_PER_S: u32 = 40_000;
+
 /// What the board has besides: the emergency stop's interrupt, the watchdog, memory for parameters, and the record of the last
 /// crash. To be called once.
 pub fn options() -> Options<Lm3s6965> {
@@ -102,6 +105,7 @@ pub fn options() -> Options<Lm3s6965> {
         emergency_stop: Some(&pins::EMERGENCY_STOP),
         watchdog: watchdog.map(|watchdog| watchdog as _),
         crash: kept::take_crash().or(reset),
+        most_steps_per_s: Some(MOST_STEPS_PER_S),
         ..Options::default()
     }
 }

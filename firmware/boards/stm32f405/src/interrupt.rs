@@ -1,5 +1,8 @@
 //! The interrupts: the emergency stop, before which all others give way; USART 2 carries bytes between its registers and the link's
-//! rings, TIM5 makes the steps, SysTick counts milliseconds.
+//! rings, TIM5 counts the time and makes the steps, SysTick ends the main loop's sleep.
+//!
+//! There is one clock. A processor that waits for its flash misses SysTick's interrupts, but TIM5 counts on; so the controller's time is
+//! TIM5's. Only under emulation, where TIM5 does not count as the chip's does and makes no steps either, it is SysTick's.
 
 use core::cell::RefCell;
 
@@ -8,6 +11,8 @@ use cortex_m::peripheral::syst::SystClkSource;
 use cortex_m::peripheral::{NVIC, SCB, SYST};
 use critical_section::Mutex;
 use lobelia_board_support::clock::Clock;
+#[cfg(not(feature = "qemu"))]
+use lobelia_board_support::clock::Extended;
 use lobelia_board_support::link::{Received, ToSend};
 use stm32f4xx_hal::pac::{self, Interrupt, interrupt};
 use stm32f4xx_hal::prelude::*;
@@ -20,7 +25,10 @@ const PERIOD_US: u32 = 1000;
 /// The clock's counter starts from this value.
 pub const CLOCK_RELOAD: u32 = Clock::<TICKS_PER_US, PERIOD_US>::RELOAD;
 
+#[cfg(feature = "qemu")]
 static CLOCK: Clock<TICKS_PER_US, PERIOD_US> = Clock::new();
+#[cfg(not(feature = "qemu"))]
+static CLOCK: Extended = Extended::new();
 /// Bytes received.
 pub(crate) static RECEIVED: Received = Received::new();
 /// Bytes to send.
@@ -32,6 +40,7 @@ type Halves = (Tx<pac::USART2>, Rx<pac::USART2>);
 /// A millisecond's end.
 #[cortex_m_rt::exception]
 fn SysTick() {
+    #[cfg(feature = "qemu")]
     CLOCK.period_over();
 }
 
@@ -52,10 +61,8 @@ fn USART2() {
 /// Receives a byte if there is one and sends one if there is room. A byte for which the ring has no room is lost, and the
 /// frame with it: the host repeats it.
 fn carry((tx, rx): &mut Halves) {
-    // An error, as an overrun, clears with the reading.
-    if rx.is_rx_not_empty()
-        && let Ok(byte) = rx.read()
-    {
+    // Read also where no byte has come: an overrun interrupts without one, and for ever until it is cleared by reading.
+    if let Ok(byte) = rx.read() {
         let _ = RECEIVED.push(byte);
     }
     if tx.is_tx_empty() {
@@ -109,12 +116,20 @@ pub fn send_directly(byte: u8) {
     });
 }
 
-/// The time in µs since the start.
+/// The time in µs since the start; for the main loop.
+#[cfg(feature = "qemu")]
 pub fn now_us() -> u64 {
     CLOCK.now_us(|| (SYST::get_current(), SCB::is_pendst_pending()))
 }
 
-/// The steps' timer counts µs, together with the clock; its first comparator tells when to make the next steps.
+/// The time in µs since the start; for the main loop.
+#[cfg(not(feature = "qemu"))]
+pub fn now_us() -> u64 {
+    // SAFETY: reading the count changes nothing.
+    CLOCK.now_us(unsafe { &*pac::TIM5::ptr() }.cnt().read().bits())
+}
+
+/// The steps' timer counts µs from 0; its first comparator tells when to make the next steps.
 #[cfg(not(feature = "qemu"))]
 pub(crate) fn start_step_timer(timer: &pac::TIM5, rcc: &mut stm32f4xx_hal::rcc::Rcc) {
     use stm32f4xx_hal::rcc::Enable;
@@ -122,9 +137,6 @@ pub(crate) fn start_step_timer(timer: &pac::TIM5, rcc: &mut stm32f4xx_hal::rcc::
     // Half of the system clock.
     timer.psc().write(|w| w.psc().set((TICKS_PER_US / 2 - 1) as u16));
     timer.egr().write(|w| w.ug().set_bit());
-    let now = CLOCK.wrapping_us(|| (SYST::get_current(), SCB::is_pendst_pending()));
-    // SAFETY: any count is allowed.
-    unsafe { timer.cnt().write(|w| w.bits(now)) };
     timer.dier().write(|w| w.cc1ie().set_bit());
     timer.cr1().write(|w| w.cen().set_bit());
 }
@@ -141,7 +153,7 @@ pub fn serve_steps(at: impl Fn(u32) -> u32) -> Option<u32> {
     // SAFETY: once the timer is started only this touches it, and any comparison is allowed.
     let timer = unsafe { &*pac::TIM5::ptr() };
     timer.sr().write(|w| w.cc1if().clear_bit());
-    while let Some(next) = crate::steps::make(at(timer.cnt().read().bits())) {
+    while let Some(next) = crate::steps::make(|| at(timer.cnt().read().bits())) {
         // SAFETY: as above.
         unsafe { timer.ccr1().write(|w| w.bits(next)) };
         // Unless that is past: then the comparator would not tell.

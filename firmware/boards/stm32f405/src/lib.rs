@@ -130,6 +130,9 @@ fn clocks() -> rcc::Config {
     }
 }
 
+/// Half of what it can make with nothing else to do, over all axes.
+const MOST_STEPS_PER_S: u32 = 180_000;
+
 /// Sets the whole board up; interrupts other than the clock's stay off. `None` at a second call.
 pub fn set_up() -> Option<(Peripherals<Stm32f405>, Options<Stm32f405>)> {
     let device = pac::Peripherals::take()?;
@@ -163,9 +166,12 @@ pub fn set_up() -> Option<(Peripherals<Stm32f405>, Options<Stm32f405>)> {
     let wire = device.USART3.serial((b.pb10, b.pb11), config, &mut rcc).ok().map(drivers::DriverWire)?;
     let options = Options {
         stall: [absent(c.pc8), absent(c.pc9), absent(c.pc10), absent(c.pc11)].map(Some),
-        over_temperature: Some(absent(b.pb0)),
+        over_temperature: Some(modelled(input(b.pb0))),
+        fan: Some(plain(output(c.pc12))),
+        heartbeat: Some(plain(output(b.pb1))),
         emergency_stop: Some(&pins::EMERGENCY_STOP),
         crash: kept::take_crash().or(reset),
+        most_steps_per_s: Some(MOST_STEPS_PER_S),
         #[cfg(not(feature = "qemu"))]
         drivers: cortex_m::singleton!(: drivers::DriverWire = wire).map(|wire| wire as _),
         #[cfg(not(feature = "qemu"))]
@@ -287,10 +293,21 @@ fn input<const P: char, const N: u8>(pin: Pin<P, N>) -> InputLine {
 
 /// An input that reads low where nothing is connected.
 fn absent<const P: char, const N: u8>(pin: Pin<P, N>) -> <Stm32f405 as Board>::Input {
-    let line = InputLine(pin.into_pull_down_input().erase());
+    modelled(InputLine(pin.into_pull_down_input().erase()))
+}
+
+/// A real input, also where others are modelled.
+fn modelled(line: InputLine) -> <Stm32f405 as Board>::Input {
     #[cfg(feature = "qemu")]
     let line = model::Input::Pin(line);
     line
+}
+
+/// A real output, likewise.
+fn plain(pin: OutputLine) -> <Stm32f405 as Board>::Output {
+    #[cfg(feature = "qemu")]
+    let pin = model::Output { pin, role: model::Role::None };
+    pin
 }
 
 fn link() -> RingLink {

@@ -8,6 +8,7 @@ use super::{Connection, Session};
 use crate::cli::Context;
 use crate::error::{Error, Result};
 use crate::progress;
+use crate::rig::conformance::bring_up::{self, Act, Operator};
 use crate::rig::conformance::{self, Outcome};
 use crate::rig::{replay, trace};
 
@@ -19,6 +20,24 @@ pub(super) struct ConformanceArgs {
     /// Leaves out the checks that switch the lamp on
     #[arg(long)]
     no_lamp: bool,
+    /// Walks through the first hour with a board before: asks for what has to be done at it, one thing after the other
+    #[arg(long)]
+    bring_up: bool,
+}
+
+/// Somebody at the terminal.
+struct AtTerminal;
+
+impl Operator for AtTerminal {
+    fn act(&mut self, act: Act) -> Result<bool> {
+        println!("{act} [Enter, or n]");
+        let mut line = String::new();
+        match std::io::stdin().read_line(&mut line) {
+            Ok(0) => Err(Error::input("--bring-up needs somebody at the terminal who answers")),
+            Ok(_) => Ok(!line.trim_start().starts_with(['n', 'N'])),
+            Err(error) => Err(Error::failure(format!("the terminal cannot be read: {error}"))),
+        }
+    }
 }
 
 /// Arguments of `lobelia rig replay`.
@@ -37,6 +56,11 @@ pub(super) struct ReplayArgs {
 pub(super) fn conformance(args: &ConformanceArgs, context: &mut Context) -> Result<()> {
     let config = super::rig_config(args.connection.rig.as_deref(), context)?;
     let configuration = config.configuration()?;
+    if args.bring_up {
+        let port = args.connection.open(&config)?;
+        context.report.stage("bring-up", || bring_up::run(port, &configuration, &mut AtTerminal))?;
+        println!("the first hour is done; the protocol's checks follow");
+    }
     let port = args.connection.open(&config)?;
     let checks = context.report.stage("conformance", || {
         conformance::run(port, &configuration, !args.no_lamp, |check| match &check.outcome {

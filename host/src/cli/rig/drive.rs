@@ -18,6 +18,9 @@ pub(super) struct HomeArgs {
     /// Approaches each switch so often, 1 to 100, and tells how its edge scatters
     #[arg(long, default_value_t = 1, value_name = "N")]
     approaches: u8,
+    /// Homes this axis alone: pan, tilt, roll or light; can be given several times
+    #[arg(long = "axis", value_name = "AXIS", value_parser = AXIS_NAMES)]
+    axes: Vec<String>,
 }
 
 /// Arguments of `lobelia rig move`.
@@ -53,10 +56,16 @@ pub(super) struct ClearArgs {
 /// Runs `lobelia rig home`.
 pub(super) fn home(args: &HomeArgs, context: &mut Context) -> Result<()> {
     let (config, mut client) = args.session.configure(context)?;
-    let report = context.report.stage("home", || client.home_repeatedly(args.approaches))?;
-    print_angles(&config, report.positions);
+    let chosen = AXIS_NAMES.map(|name| args.axes.is_empty() || args.axes.iter().any(|axis| axis == name));
+    let report = context.report.stage("home", || match args.axes.is_empty() {
+        true => client.home_repeatedly(args.approaches),
+        false => client.home_axes(chosen, args.approaches),
+    })?;
+    let of_chosen = |axis: &Axis| chosen[axis.index()];
+    print_angles(&config, report.positions, of_chosen);
     if report.approaches > 1 {
-        for (name, steps) in AXIS_NAMES.iter().zip(report.spread_steps) {
+        for axis in Axis::ALL.into_iter().filter(of_chosen) {
+            let (name, steps) = (axis.name(), report.spread_steps[axis.index()]);
             println!("{name} switch within {steps} steps over {} approaches", report.approaches);
             context.report.figure(&format!("{name}_spread_steps"), steps);
         }
@@ -86,7 +95,7 @@ pub(super) fn move_axes(args: &MoveArgs, context: &mut Context) -> Result<()> {
     let now = client.status()?.positions;
     let targets = targets(&config, wanted, now)?;
     let positions = context.report.stage("move", || client.move_to(targets))?;
-    print_angles(&config, positions);
+    print_angles(&config, positions, |_| true);
     for (axis, steps) in Axis::ALL.into_iter().zip(positions) {
         context.report.figure(&format!("{}_deg", axis.name()), degrees(&config, axis, steps));
     }
@@ -123,9 +132,9 @@ pub(super) fn targets(
     }))
 }
 
-fn print_angles(config: &RigConfig, positions: [i32; AXES]) {
-    for (axis, steps) in Axis::ALL.into_iter().zip(positions) {
-        println!("{:<6}{:>10.3}°", axis.name(), degrees(config, axis, steps));
+fn print_angles(config: &RigConfig, positions: [i32; AXES], of: impl Fn(&Axis) -> bool) {
+    for axis in Axis::ALL.into_iter().filter(of) {
+        println!("{:<6}{:>10.3}°", axis.name(), degrees(config, axis, positions[axis.index()]));
     }
 }
 

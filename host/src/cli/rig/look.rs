@@ -197,7 +197,7 @@ pub(super) fn differences(ours: &Configuration, theirs: &Configuration) -> Vec<S
 type Row = (&'static str, &'static str, fn(&AxisParameters) -> i64);
 
 /// What the controller is told of each axis.
-const ROWS: [Row; 15] = [
+const ROWS: [Row; 17] = [
     ("min", "steps", |axis| axis.min_steps.into()),
     ("max", "steps", |axis| axis.max_steps.into()),
     ("max_speed", "steps/s", |axis| axis.max_speed.into()),
@@ -210,6 +210,8 @@ const ROWS: [Row; 15] = [
     ("home_speed", "steps/s", |axis| axis.home_speed.into()),
     ("home_slow_speed", "steps/s", |axis| axis.home_slow_speed.into()),
     ("home_back_off", "steps", |axis| axis.home_back_off.into()),
+    ("home_switch", "steps", |axis| axis.home_switch_steps.into()),
+    ("home_order", "", |axis| axis.home_order.into()),
     ("home_travel", "steps", |axis| axis.home_travel.into()),
     ("home_debounce", "µs", |axis| axis.home_debounce_us.into()),
     ("index_tolerance", "steps", |axis| axis.index_tolerance.into()),
@@ -257,14 +259,18 @@ pub(super) fn table(config: &RigConfig) -> Result<String> {
 }
 
 /// What the controller is told besides: name, unit and value.
-fn settings(settings: &Settings) -> [(&'static str, &'static str, String); 7] {
+fn settings(settings: &Settings) -> [(&'static str, &'static str, String); 11] {
     [
         ("lamp_warm_up", "s", settings.lamp_warm_up_s.to_string()),
         ("lamp_least_reading", "counts", settings.lamp_least_reading.to_string()),
         ("lease", "ms", settings.lease_ms.to_string()),
         ("lamp_lease", "ms", settings.lamp_lease_ms.to_string()),
         ("lamp_safe_level", "of 65535", settings.lamp_safe_level.to_string()),
+        ("lamp_longest", "s", settings.lamp_longest_s.to_string()),
+        ("fan_run_on", "s", settings.fan_run_on_s.to_string()),
         ("camera_wait", "ms", settings.camera_wait_ms.to_string()),
         ("coordinated", "", settings.coordinated.to_string()),
+        ("pulse", "µs", settings.pulse_us.to_string()),
+        ("direction_setup", "µs", settings.direction_setup_us.to_string()),
     ]
 }

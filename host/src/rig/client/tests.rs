@@ -283,7 +283,7 @@ impl Port for Deaf {
 fn lease_is_kept_while_nobody_speaks_and_ends_with_the_client() {
     let heard = Arc::new(Mutex::new(Vec::new()));
     let wire = Arc::new(Mutex::new(Wire::new(Box::new(Deaf(Arc::clone(&heard))))));
-    let keep_alive = KeepAlive::start(Arc::clone(&wire), 7, Duration::from_millis(2));
+    let keep_alive = KeepAlive::start(Arc::clone(&wire), 7, Duration::from_millis(2), Duration::MAX);
     let renewal = Request { session: 7, id: 0, seen: 0, command: Command::Status };
     let frame = ToController::Request(renewal).encode().unwrap();
     while heard.lock().unwrap().len() < 3 * frame.len() {
@@ -293,4 +293,31 @@ fn lease_is_kept_while_nobody_speaks_and_ends_with_the_client() {
     let bytes = heard.lock().unwrap().clone();
     assert!(bytes.chunks(frame.len()).all(|one| one == frame.as_slice()));
     assert_eq!(Arc::strong_count(&wire), 1, "the thread has ended");
+}
+
+#[test]
+fn lease_of_a_host_that_hangs_is_kept_no_longer_than_a_time_and_again_once_it_speaks() {
+    let heard = Arc::new(Mutex::new(Vec::new()));
+    let wire = Arc::new(Mutex::new(Wire::new(Box::new(Deaf(Arc::clone(&heard))))));
+    let period = Duration::from_millis(2);
+    let keep_alive = KeepAlive::start(Arc::clone(&wire), 7, period, 5 * period);
+    let renewal = Request { session: 7, id: 0, seen: 0, command: Command::Status };
+    let frame = ToController::Request(renewal).encode().unwrap().len();
+    let frames = || heard.lock().unwrap().len() / frame;
+    // The first time somebody may just have spoken.
+    let silent_after = |frames_before: usize| {
+        while frames() < frames_before + 4 {
+            std::thread::yield_now();
+        }
+        std::thread::sleep(50 * period);
+        let spoken = frames();
+        assert!(spoken <= frames_before + 6, "{spoken}");
+        std::thread::sleep(50 * period);
+        assert_eq!(frames(), spoken);
+        spoken
+    };
+    let spoken = silent_after(0);
+    wire.lock().unwrap().send(&ToController::Request(renewal)).unwrap();
+    silent_after(spoken + 1);
+    drop(keep_alive);
 }

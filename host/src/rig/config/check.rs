@@ -5,7 +5,7 @@ use std::ops::RangeInclusive;
 
 use lobelia_protocol::EXPOSURE_US;
 
-use super::{AXIS_NAMES, Axis, Driver, RigConfig};
+use super::{AXIS_NAMES, Axis, Driver, End, RigConfig};
 use crate::error::{Error, Result};
 
 /// Tags of the family 36h11 that are known: ids below this.
@@ -55,7 +55,11 @@ impl RigConfig {
             ("lamp.warm_up_s", lamp.warm_up_s, 0.0..=65535.0),
             ("lamp.lease_s", lamp.lease_s, 0.0..=1e6),
             ("lamp.safe_level", lamp.safe_level, 0.0..=1.0),
+            ("camera.ready_wait_s", camera.ready_wait_s, 0.0..=65.0),
+            ("lamp.longest_s", lamp.longest_s, 1.0..=4e9),
+            ("lamp.fan_run_on_s", lamp.fan_run_on_s, 0.0..=65535.0),
             ("motion.lease_s", self.motion.lease_s, 0.0..=1e6),
+            ("motion.pulse_us", self.motion.pulse_us.into(), 1.0..=100.0),
             ("carrier.sample_width_mm", self.carrier.sample_width_mm, POSITIVE),
             ("carrier.sample_height_mm", self.carrier.sample_height_mm, POSITIVE),
             ("carrier.tag_size_mm", self.carrier.tag_size_mm, POSITIVE),
@@ -183,11 +187,24 @@ fn check_axis(axis: &Axis) -> std::result::Result<(), (&'static str, String)> {
         ("min_deg", axis.min_deg, -3600.0..=3600.0),
         ("max_deg", axis.max_deg, -3600.0..=3600.0),
         ("take_up_deg", axis.take_up_deg, 0.0..=90.0),
+        ("home_switch_deg", axis.home_switch_deg, 1e-9..=360.0),
         ("settle_s", axis.settle_s, 0.0..=60.0),
         ("repeatability_deg", axis.repeatability_deg, 1e-9..=90.0),
     ];
     for (key, value, range) in numbers {
         in_range(value, &range).map_err(|why| (key, why))?;
+    }
+    let homing = axis.homing.clone().unwrap_or_default();
+    homing.check(axis.max_speed_deg_s)?;
+    match homing.end {
+        _ if axis.full_turn => {}
+        End::Lower if axis.home_deg >= axis.min_deg => {
+            return Err(("home_deg", "is not below min_deg".into()));
+        }
+        End::Upper if axis.home_deg <= axis.max_deg => {
+            return Err(("home_deg", "is not above max_deg".into()));
+        }
+        _ => {}
     }
     axis.driver.as_ref().map_or(Ok(()), check_driver)?;
     let turn = 360.0 / axis.degrees_per_step;

@@ -17,12 +17,14 @@ pub(super) const CHECKS: &[(&str, Script)] = &[
     ("an exposure with the lamp off is refused", lamp_off),
     (STRIKES[0], lamp_cold),
     (STRIKES[1], lamp_level),
+    (STRIKES[2], lamp_save),
 ];
 
 /// The checks that switch the lamp on.
-pub(super) const STRIKES: [&str; 2] = [
+pub(super) const STRIKES: [&str; 3] = [
     "an exposure with a cold lamp is refused with the time that it needs",
     "the lamp's level and its being off are told by the status",
+    "parameters are not saved while the lamp burns",
 ];
 
 fn expose(bench: &mut Bench, duration_us: u32) -> Result<Exposure> {
@@ -34,6 +36,14 @@ fn expose(bench: &mut Bench, duration_us: u32) -> Result<Exposure> {
 
 fn lamp(bench: &mut Bench, on: bool, level: u16) -> Result<()> {
     same("the lamp's answer", &Answer::Nothing, &bench.done(Command::Lamp { on, level })?)
+}
+
+fn lamp_save(bench: &mut Bench) -> Result<()> {
+    bench.homed()?;
+    lamp(bench, true, 1)?;
+    let refused = bench.refused(Command::SaveParameters, Refusal::NotAtRest);
+    lamp(bench, false, 0)?;
+    refused
 }
 
 fn dark(bench: &mut Bench) -> Result<()> {

@@ -4,6 +4,8 @@
 //! the link itself is lost. The axes move to their limits and the lamp is struck once (unless told not to).
 
 mod bench;
+pub mod bring_up;
+mod endurance;
 mod light;
 mod link;
 mod motion;
@@ -39,7 +41,8 @@ pub struct Check {
 type Script = fn(&mut Bench) -> std::result::Result<(), Trouble>;
 
 /// All checks in order.
-const SCRIPT: [&[(&str, Script)]; 4] = [session::CHECKS, motion::CHECKS, light::CHECKS, link::CHECKS];
+const SCRIPT: [&[(&str, Script)]; 5] =
+    [session::CHECKS, motion::CHECKS, light::CHECKS, link::CHECKS, endurance::CHECKS];
 
 /// Number of checks.
 pub fn count() -> usize {

@@ -113,3 +113,48 @@ fn an_unplugged_controller_is_an_error_and_no_result() {
     let error = run(Box::new(rig.link()), &configuration, true, |_| {}).unwrap_err();
     assert_eq!(error.exit_code(), 1);
 }
+
+/// Does at the simulated rig what is asked for, but for one thing that is broken.
+struct Hands {
+    rig: SimulatedRig,
+    acts: Vec<bring_up::Act>,
+    broken: Option<bring_up::Act>,
+}
+
+impl bring_up::Operator for Hands {
+    fn act(&mut self, act: bring_up::Act) -> Result<bool> {
+        use bring_up::Act;
+        self.acts.push(act);
+        if self.broken == Some(act) {
+            return Ok(true);
+        }
+        match act {
+            Act::PressStop => self.rig.press_emergency_stop(),
+            Act::ReleaseStop => self.rig.release_emergency_stop(),
+            Act::UnplugSwitch(axis) => self.rig.set_home_switch_wire(axis, true),
+            Act::PlugSwitch(axis) => self.rig.set_home_switch_wire(axis, false),
+            Act::SeesLight => return Ok(self.rig.lamp_level() > 0.0),
+            Act::SeesDark => return Ok(self.rig.lamp_level() == 0.0),
+            _ => {}
+        }
+        Ok(true)
+    }
+}
+
+#[test]
+fn first_hour_goes_through_with_a_good_rig_and_ends_at_what_the_controller_does_not_see() {
+    use bring_up::Act;
+    use lobelia_protocol::Axis;
+    let configuration = MechanicsConfig::ideal().configuration();
+    let walk = |broken| {
+        let rig = rig();
+        let mut hands = Hands { rig: rig.clone(), acts: Vec::new(), broken };
+        let outcome = bring_up::run(Box::new(rig.link()), &configuration, &mut hands);
+        (outcome.map_err(|error| error.to_string()), hands.acts)
+    };
+    let (outcome, acts) = walk(None);
+    assert_eq!((outcome, acts.last()), (Ok(()), Some(&Act::SeesPulses)));
+    let (outcome, acts) = walk(Some(Act::UnplugSwitch(Axis::Roll)));
+    assert!(outcome.unwrap_err().contains("switch"));
+    assert_eq!(acts.last(), Some(&Act::UnplugSwitch(Axis::Roll)));
+}

@@ -1,0 +1,80 @@
+//! Checks on the way that the axes have lost no steps: every so many poses, and after the last. Where they have, the poses since the last
+//! check are suspect, and a resumed run takes them again.
+
+use lobelia_protocol::Axis;
+
+use super::Steps;
+use super::journal::Record;
+use crate::error::{Error, Result};
+
+/// The first pose that has to be photographed, by what the journal holds.
+pub(super) fn first_left(records: &[Record]) -> usize {
+    records.iter().fold(0, |next, record| match record {
+        Record::Pose { index, .. } => index + 1,
+        Record::Suspect { from, .. } => *from,
+        _ => next,
+    })
+}
+
+/// How many poses the last check has found good.
+pub(super) fn checked(records: &[Record]) -> usize {
+    let good = |record: &Record| match record {
+        Record::Checked { poses, .. } => Some(*poses),
+        _ => None,
+    };
+    records.iter().rev().find_map(good).unwrap_or(0)
+}
+
+impl Steps<'_> {
+    /// Whether a check is due once so many poses are done.
+    pub(super) fn check_is_due(&self, done: usize) -> bool {
+        let every = self.run.rig.motion.check_every_poses;
+        every > 0 && done > 0 && (done == self.run.plan.poses.len() || done.is_multiple_of(every))
+    }
+
+    /// Looks for the home switches, and goes back to the last of so many poses.
+    pub(super) fn check(&mut self, done: usize) -> Result<()> {
+        let lost_steps = self.station.client.check_index()?;
+        let axes = self.run.rig.configuration()?.axes;
+        let lost: Vec<_> = Axis::ALL
+            .into_iter()
+            .map(|axis| (axis, lost_steps[axis.index()]))
+            .filter(|(axis, lost)| lost.unsigned_abs() > axes[axis.index()].index_tolerance.into())
+            .map(|(axis, lost)| format!("{} by {lost} steps", axis.name()))
+            .collect();
+        if lost.is_empty() {
+            self.station.client.move_to(self.run.rig.steps(self.run.plan.poses[done - 1].degrees()))?;
+            let controller_us = self.station.clock_us()?;
+            self.journal.append(&Record::Checked { poses: done, lost_steps, controller_us })?;
+            self.checked = done;
+            return Ok(());
+        }
+        let controller_us = self.station.clock_us()?;
+        self.journal.append(&Record::Suspect { from: self.checked, lost_steps, controller_us })?;
+        Err(Error::failure(format!(
+            "a check found {} off, so some of the poses {} to {} were photographed elsewhere; find what blocks or slips, then \
+             `lobelia rig clear`, and acquire --resume takes these poses again",
+            lost.join(", "),
+            self.checked,
+            done - 1
+        )))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn poses_since_the_last_good_check_are_left_after_a_bad_one() {
+        let pose = |index| Record::Pose { index, exposures: Vec::new(), controller_us: 0 };
+        let good = |poses| Record::Checked { poses, lost_steps: [0; 4], controller_us: 0 };
+        let bad = |from| Record::Suspect { from, lost_steps: [9, 0, 0, 0], controller_us: 0 };
+        let mut records = vec![pose(0), pose(1)];
+        assert_eq!((first_left(&records), checked(&records)), (2, 0));
+        records.extend([good(2), pose(2), pose(3), bad(2)]);
+        assert_eq!((first_left(&records), checked(&records)), (2, 2));
+        records.extend([pose(2)]);
+        assert_eq!((first_left(&records), checked(&records)), (3, 2));
+    }
+}
