@@ -109,6 +109,14 @@ impl Cone {
         Self { poses, spacing_rad: spacing_deg.to_radians(), isotropic }
     }
 
+    /// The cone without some of its poses, counted from 0.
+    #[must_use]
+    pub fn without(mut self, left_out: &[usize]) -> Self {
+        let poses = self.poses.into_iter().enumerate().filter(|(pose, _)| !left_out.contains(pose));
+        self.poses = poses.map(|(_, pair)| pair).collect();
+        self
+    }
+
     /// θ_d, degrees.
     pub fn spacing_deg(&self) -> f64 {
         self.spacing_rad.to_degrees()
@@ -391,6 +399,7 @@ mod tests {
         let (wi, wo) = directions(&rig, &plan.angles(3));
         assert_eq!(cone.zone(wi.as_vec3(), wo.as_vec3(), &mut 0).side, Side::Inside);
         let none = Cone::of_poses(&[], &plan);
+        assert_eq!(cone.clone().without(&[0, 5]).poses.len(), cone.poses.len() - 2);
         assert_eq!(none.zone(wi.as_vec3(), wo.as_vec3(), &mut 0).side, Side::Outside);
         assert_eq!(zone(None, wi.as_vec3(), wo.as_vec3(), &mut 0).side, Side::Unknown);
     }

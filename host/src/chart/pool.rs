@@ -2,8 +2,6 @@
 
 use std::time::Instant;
 
-use rayon::prelude::*;
-
 use super::{Axis, Chart, Plot, Section, Series, Table};
 use crate::error::Result;
 use crate::fit::pool::{self, PoolOptions, RhoD, regions::Regions};
@@ -93,7 +91,7 @@ pub fn chart(seed: u64) -> Result<Chart> {
     let section = Section {
         title: "Error by number of poses".into(),
         text: format!(
-            "Regions of {SIDE} × {SIDE} texels of {TEXEL_MM} mm, each of one random material: one lobe, n 5 to 150, above a ρ_d that is the region's, or 0.2 to 1.8 times that from texel to texel. Random poses of which the first and every {AIMED}th from there is aimed at the highlight; noise {:e} 1/sr and {} %. Light and camera stand {} and {} mm from the sample's centre, or {} m. ‖f̂ − f‖ / ‖f‖ over 300 direction pairs that were not posed, median over the texels, then over {MATERIALS} materials. One isotropic lobe is fitted; all fits bound albedos.",
+            "Regions of {SIDE} × {SIDE} texels of {TEXEL_MM} mm, each of one random material: one lobe, n 5 to 150, above a ρ_d that is the region's, or 0.2 to 1.8 times that from texel to texel. Random poses of which the first and every {AIMED}th from there is aimed at the highlight; noise {:e} 1/sr and {} %. Light and camera stand {} and {} mm from the sample's centre, or {} m. ‖f̂ − f‖ / ‖f‖ over 300 direction pairs that were not posed, median over the texels, then over {MATERIALS} materials. One isotropic lobe is fitted; all fits bound albedos. Seconds are those of one fit at a time: texels share all threads, a region has one.",
             NOISE[0],
             100.0 * NOISE[1],
             NEAR_MM[0],
@@ -112,16 +110,16 @@ pub fn chart(seed: u64) -> Result<Chart> {
     })
 }
 
-/// The medians over some materials; `done` is called a material.
+/// The medians over some materials, one after the other, so that times are those of a fit alone; `done` is called a material.
 fn medians(
     case: &Case,
     side: usize,
     poses: usize,
     materials: std::ops::Range<u64>,
     seed: u64,
-    done: impl Fn() + Sync,
+    done: impl Fn(),
 ) -> Result<Found> {
-    let found = materials.into_par_iter().map(|material| {
+    let found = materials.map(|material| {
         let found = measured(case, side, poses, seed.wrapping_add(1000 * material));
         done();
         found

@@ -28,7 +28,7 @@ pub(super) struct DemoArgs {
     /// What to measure instead of the demo's brocade, see `lobelia template material`
     #[arg(long, value_name = "MATERIAL.toml")]
     material: Option<PathBuf>,
-    /// Lobes of the result, 0 to 3
+    /// Lobes of the result, 0 to 4
     #[arg(long, default_value_t = 2)]
     lobes: usize,
     /// Lobes of its own for every channel of the result

@@ -18,7 +18,7 @@ use crate::files;
 use crate::fit::chunks::{self, Part};
 use crate::fit::extensions::{Extensions, Microfacets};
 use crate::fit::figures::ErrorFigure;
-use crate::fit::held_out::Which;
+use crate::fit::held_out::{HeldOut, Which};
 use crate::fit::pool::{MOST_SAMPLES, RhoD};
 use crate::fit::weights::Weights;
 use crate::fit::{AlbedoBound, Device, Diffuse, FitOptions, MOST_LOBES, Method, Residual, gpu, mip};
@@ -26,8 +26,8 @@ use crate::provenance::Texts;
 use crate::reflectance::{SbrdfMap, albedo};
 use crate::report::Report;
 use crate::sampled::SampledStore;
+use crate::warning::Warning;
 use crate::warning::samples::Tally;
-use crate::warning::{Warning, directions};
 
 /// Directional albedo from which on a texel counts as making light: the error of a measurement's scale and of sums is below.
 const MAKES_LIGHT: f32 = 1.02;
@@ -325,7 +325,7 @@ impl FitArgs {
 /// As [`fit_input`].
 pub(super) fn run(args: &FitArgs, context: &mut super::Context) -> Result<()> {
     let mut args = args.with_store_named_last();
-    args.input.iter().chain(&args.merge).for_each(|path| context.report.input(path));
+    args.input.iter().chain(&args.merge).chain(&args.pool).for_each(|path| context.report.input(path));
     args.made = made(&args, &context.report);
     let seed = context.seed;
     let outcome = context.report.stage("fit", || fit_input(&args, seed))?;
@@ -345,6 +345,7 @@ fn made(args: &FitArgs, report: &Report) -> Texts {
             Err(_) => of_map.input(input),
         }
     }
+    args.pool.iter().for_each(|index| of_map.input(index));
     of_map.provenance()
 }
 
@@ -411,8 +412,9 @@ fn fit_sampled(args: &FitArgs, input: &Path, seed: u64) -> Result<FitOutcome> {
         return parts::fit(&store, &options, part, held.as_ref(), output, &args.made);
     }
     if let Some(index) = &args.pool {
-        let mut outcome = pool::fit(args, &store, &options, index, held.as_ref(), seed)?;
-        outcome.warnings.extend(directions::unknown_poses(&store.unknown_poses));
+        let tally = Tally::default();
+        let mut outcome = pool::fit(args, &store, &options, index, held.as_ref(), seed, &tally)?;
+        warnings::of_samples(&mut outcome, &store, tally);
         return Ok(outcome);
     }
     if args.device == DeviceName::Auto {
@@ -426,7 +428,7 @@ fn fit_sampled(args: &FitArgs, input: &Path, seed: u64) -> Result<FitOutcome> {
     held.iter().for_each(|held| held.note(&mut map));
     write_map(&map, output)?;
     if args.mip {
-        write_levels(&store, &options, output, &args.made)?;
+        write_levels(&store, &options, output, (&args.made, held.as_ref()))?;
     }
     let mut outcome = sampled_outcome(&map, seconds);
     let held_out = held_out::judge(held.as_ref(), &store, &map, &mut outcome)?;
@@ -488,11 +490,17 @@ fn sampled_options(args: &FitArgs) -> Result<FitOptions> {
     Ok(options)
 }
 
-/// Fits all MIP levels but the finest and writes each beside it.
-fn write_levels(store: &SampledStore, options: &FitOptions, finest: &Path, made: &Texts) -> Result<()> {
+/// Fits all MIP levels but the finest and writes each beside it, with how it was made and which poses were held out.
+fn write_levels(
+    store: &SampledStore,
+    options: &FitOptions,
+    finest: &Path,
+    (made, held): (&Texts, Option<&HeldOut>),
+) -> Result<()> {
     for level in 1..=mip::last([store.width, store.height]) {
         let mut map = chunks::fit_level(store, options, level)?;
         map.attributes.extend(made.clone());
+        held.iter().for_each(|held| held.note(&mut map));
         write_map(&map, &mip::path(finest, level))?;
     }
     Ok(())

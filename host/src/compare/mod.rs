@@ -26,6 +26,7 @@ use crate::develop::registration::Registration;
 use crate::develop::resample::BayerPlanes;
 use crate::develop::{Photographs, camera, reflectance};
 use crate::error::{Error, Result};
+use crate::fit::held_out;
 use crate::page::colour_map::ColourMap;
 use crate::page::html::Raster;
 use crate::page::scale::Scale;
@@ -331,7 +332,7 @@ impl Pictures {
 }
 
 /// Opens the run and compares. `measured_in` is the run that the map was fitted from; without it that is the compared run itself,
-/// where the sample lies flat in it.
+/// where the sample lies flat in it. Poses that were held out of the fit are none of it.
 ///
 /// # Errors
 /// As [`poses`] and [`Photographs::open`].
@@ -344,7 +345,8 @@ pub fn run(
     let photographs = Photographs::open(folder)?;
     let other = measured_in.map(RunFolder::open).transpose()?;
     let own = Some(&photographs.run).filter(|run| run.rig.carrier.cylinder_radius_mm.is_none());
-    let cone = other.as_ref().or(own).map(|run| Cone::of_plan(&run.plan, &run.rig));
+    let held_out = held_out::noted(map);
+    let cone = other.as_ref().or(own).map(|run| Cone::of_plan(&run.plan, &run.rig).without(&held_out));
     let comparison = poses(&photographs, map, wanted, cone)?;
     let chart = page::chart(&photographs, map, &comparison)?;
     Ok((comparison, chart))

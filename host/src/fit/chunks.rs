@@ -151,7 +151,8 @@ pub fn is_done(path: &Path, store: &SampledStore, options: &FitOptions, part: Pa
         return Err(wrong("was fitted with other options or by another version"));
     }
     if !fits_samples(&shard, store, part)? {
-        return Err(wrong("was fitted to other samples: the sampled SBRDF has changed since"));
+        let what = "was fitted to other samples: the sampled SBRDF has changed since, or the poses held out";
+        return Err(wrong(what));
     }
     Ok(())
 }
@@ -192,7 +193,7 @@ pub fn merge(paths: &[impl AsRef<Path>], store: Option<&SampledStore>) -> Result
         if let Some(store) = store
             && !fits_samples(shard, store, part)?
         {
-            let message = "was fitted to other samples than the sampled SBRDF holds; fit it again";
+            let message = "was fitted to other samples than the sampled SBRDF holds, or with other poses held out; fit it again, or give --hold-out-poses and --seed as for the parts";
             return Err(Error::input(format!("{}: shard {part} {message}", path.display())));
         }
     }

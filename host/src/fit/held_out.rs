@@ -53,6 +53,15 @@ impl FromStr for Which {
     }
 }
 
+/// The attribute of a map that lists the poses that it was not fitted to.
+const NOTE: &str = "fit.held_out_poses";
+
+/// The poses that a map says it was not fitted to, counted from 0.
+pub fn noted(map: &SbrdfMap) -> Vec<usize> {
+    let list = map.attributes.get(NOTE).map_or("", String::as_str);
+    list.split(' ').filter_map(|pose| pose.parse().ok()).collect()
+}
+
 /// Poses that are held out.
 #[derive(Debug, Clone, PartialEq)]
 pub struct HeldOut {
@@ -102,7 +111,7 @@ impl HeldOut {
     /// Notes in a map which poses it was not fitted to.
     pub fn note(&self, map: &mut SbrdfMap) {
         let list: Vec<String> = self.poses.iter().map(usize::to_string).collect();
-        map.attributes.insert("fit.held_out_poses".into(), list.join(" "));
+        map.attributes.insert(NOTE.into(), list.join(" "));
     }
 
     /// The error of a map on the samples of the held-out poses, read from the store chunk by chunk: of all of them, of the near and of the far ones.
@@ -164,7 +173,8 @@ fn texel_error(
             sums[group][1] += sample.rgb.as_dvec3().length_squared();
         }
     }
-    sums.map(|[off, whole]| (whole > 0.0).then(|| (off / whole).sqrt()))
+    // What overflows stays finite, so that reports can hold it.
+    sums.map(|[off, whole]| (whole > 0.0).then(|| (off / whole).sqrt().min(f64::from(f32::MAX))))
 }
 
 /// The poses to hold out, in order.

@@ -96,7 +96,7 @@ pub(super) fn merge(args: &FitArgs, seed: u64) -> Result<FitOutcome> {
     }
     write_map(&map, output)?;
     if let Some((store, options)) = &levels {
-        write_levels(store, options, output, &args.made)?;
+        write_levels(store, options, output, (&args.made, held.as_ref()))?;
     }
     let mut outcome = sampled_outcome(&map, start.elapsed().as_secs_f64());
     // Joining is no fit: its rate would mislead.

@@ -4,8 +4,8 @@ use std::path::Path;
 use std::time::Instant;
 
 use super::{
-    DeviceName, FitArgs, FitOutcome, albedos_in_words, held_out, output, print, sampled_outcome,
-    ties_in_words, write_map,
+    DeviceName, FitArgs, FitOutcome, Tally, albedos_in_words, held_out, output, print, sampled_outcome,
+    ties_in_words, warnings, write_map,
 };
 use crate::edit::palette;
 use crate::error::Result;
@@ -25,10 +25,10 @@ pub(super) fn parse_colour(text: &str) -> std::result::Result<[u8; 3], String> {
         .ok_or_else(|| "must be a colour such as #a0b1c2 or a grey value from 0 to 255".into())
 }
 
-/// Fits the regions, writes the map and tells what came of each.
+/// Fits the regions, writes the map and tells what came of each; the samples are counted.
 ///
 /// # Errors
-/// As [`pool::fit_store`] and [`Regions::read`]; when the map cannot be written.
+/// As [`pool::fit_store_counted`] and [`Regions::read`]; when the map cannot be written.
 pub(super) fn fit(
     args: &FitArgs,
     store: &SampledStore,
@@ -36,6 +36,7 @@ pub(super) fn fit(
     index: &Path,
     held: Option<&HeldOut>,
     seed: u64,
+    tally: &Tally,
 ) -> Result<FitOutcome> {
     let output = output(args)?;
     let device = if args.device == DeviceName::Gpu { Device::Gpu } else { Device::Cpu };
@@ -45,7 +46,7 @@ pub(super) fn fit(
     pool::check(&options, &pooling)?;
     let regions = Regions::read(index, [store.width, store.height], args.pool_outside)?;
     let start = Instant::now();
-    let mut pooled = pool::fit_store(store, &regions, &options, &pooling)?;
+    let mut pooled = pool::fit_store_counted(store, &regions, &options, &pooling, tally)?;
     let seconds = start.elapsed().as_secs_f64();
     held.iter().for_each(|held| held.note(&mut pooled.map));
     pooled.map.attributes.extend(args.made.clone());
@@ -55,6 +56,7 @@ pub(super) fn fit(
     outcome.figures.insert("texels_outside_regions".into(), outside.into());
     outcome.figures.insert("regions".into(), pooled.regions.iter().map(as_json).collect());
     let held_out = held_out::judge(held, store, &pooled.map, &mut outcome)?;
+    warnings::of_texels(&mut outcome, &pooled.map);
     print(&format!(
         "{} texels × {} poses in {} {}, a ρ_d a {}: {seconds:.1} s\n{}{}",
         regions.of.len() - outside,

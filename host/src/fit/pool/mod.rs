@@ -24,6 +24,7 @@ use crate::error::{Error, Result};
 use crate::progress;
 use crate::reflectance::SbrdfMap;
 use crate::sampled::{PoseGeometry, SampledSbrdf, SampledStore, Window};
+use crate::warning::samples::Tally;
 use region::RegionFit;
 use regions::Regions;
 use texels::Totals;
@@ -139,6 +140,20 @@ pub fn fit_store(
     options: &FitOptions,
     pool: &PoolOptions,
 ) -> Result<Pooled> {
+    fit_store_counted(store, regions, options, pool, &Tally::default())
+}
+
+/// As [`fit_store`]; the samples of the whole store are counted.
+///
+/// # Errors
+/// As there.
+pub fn fit_store_counted(
+    store: &SampledStore,
+    regions: &Regions,
+    options: &FitOptions,
+    pool: &PoolOptions,
+    tally: &Tally,
+) -> Result<Pooled> {
     let sigma = options.weights == Weights::Sigma;
     if sigma && !store.has_sigma() {
         return Err(super::no_sigma());
@@ -149,7 +164,8 @@ pub fn fit_store(
         poses: weighing(&store.poses),
         blocks: store.blocks(),
     };
-    fit(&source, |window| store.read(window, sigma), regions, options, pool)
+    let read = |window: &Window| -> Result<SampledSbrdf> { store.read(window, sigma) };
+    fit(&source, read, |block: &SampledSbrdf| tally.count(block), regions, options, pool)
 }
 
 /// Fits the regions of a sampled SBRDF in memory.
@@ -171,7 +187,8 @@ pub fn fit_sbrdf(
         poses: weighing(&sampled.poses),
         blocks: vec![Window { x: 0..sampled.width, y: 0..sampled.height }],
     };
-    fit(&source, |_| Ok(sampled.clone()), regions, options, pool)
+    let read = |_: &Window| -> Result<SampledSbrdf> { Ok(sampled.clone()) };
+    fit(&source, read, |_: &SampledSbrdf| (), regions, options, pool)
 }
 
 /// Where samples come from.
@@ -203,9 +220,11 @@ impl Gathered {
     }
 }
 
+/// `seen` is called once with each block of samples.
 fn fit(
     source: &Source,
     read: impl Fn(&Window) -> Result<SampledSbrdf> + Sync,
+    seen: impl Fn(&SampledSbrdf) + Sync,
     regions: &Regions,
     options: &FitOptions,
     pool: &PoolOptions,
@@ -229,7 +248,12 @@ fn fit(
         fits.extend(found);
     }
     drop(bar);
-    let (map, totals) = texel_map(source, &read, regions, &fits, options, pool)?;
+    let read_once = |window: &Window| -> Result<SampledSbrdf> {
+        let sampled = read(window)?;
+        seen(&sampled);
+        Ok(sampled)
+    };
+    let (map, totals) = texel_map(source, &read_once, regions, &fits, options, pool)?;
     has_samples(&map)?;
     let report = |(region, (fit, totals)): (usize, (&RegionFit, &Totals))| RegionReport {
         name: regions.name(region),

@@ -5,6 +5,7 @@ use glam::DVec3;
 use super::super::samples::Sample;
 use super::super::separable::uncertainty::Sigma;
 use super::super::texel::TexelFit;
+use super::super::weights::Weights;
 use super::super::{FitOptions, Residual};
 use super::RhoD;
 use super::region::RegionFit;
@@ -102,6 +103,9 @@ pub(super) fn fit(
     let share = |error: f64| if whole > 0.0 { (error / whole).sqrt() } else { 0.0 };
     fit.rms = (error / (3 * samples.len()).max(1) as f64).sqrt();
     fit.relative = share(error);
+    if options.weights == Weights::Sigma {
+        fit.over_noise = over_noise(&fit.brdf, samples, rho_d);
+    }
     if let Some(free) = free {
         let price = (fit.relative - share(squares(&free, samples).0)).max(0.0);
         fit.bound_price = Some(fit.bound_price.unwrap_or(0.0) + price);
@@ -109,6 +113,15 @@ pub(super) fn fit(
     let bounded = usize::from(fit.bound_price.is_some());
     totals.add(Totals { texels: 1, samples: samples.len(), bounded, error, whole });
     fit
+}
+
+/// The residual's RMS over that of the noise where samples weigh by their standard deviations. The lobes are the region's: of a texel's own unknowns there is
+/// ρ_d at most.
+fn over_noise(brdf: &LobeBrdf, samples: &[Sample], rho_d: RhoD) -> Option<f64> {
+    let unknowns = if rho_d == RhoD::Texel { 3 } else { 0 };
+    let free = (3 * samples.len()).saturating_sub(unknowns);
+    let weighted: f64 = samples.iter().map(|sample| sample.weight * off(brdf, sample).length_squared()).sum();
+    (free > 0).then(|| (weighted / free as f64).sqrt())
 }
 
 /// Sums over samples and channels of the squares of the residuals and of the values, sr⁻².
