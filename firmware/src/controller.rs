@@ -241,7 +241,7 @@ impl<B: Board> Controller<B> {
                 ToController::Hello(hello) => {
                     self.heard_us = now_us;
                     if self.link.greet(hello) {
-                        self.abandon(now_us);
+                        self.abandon();
                     }
                     // A host of another version would not understand.
                     if self.link.is_open()
@@ -279,13 +279,13 @@ impl<B: Board> Controller<B> {
     }
 
     /// Ends what a host began that is no longer there.
-    fn abandon(&mut self, now_us: u64) {
+    fn abandon(&mut self) {
         self.waiting.clear();
         self.refused = 0;
         self.prepared = [None; AXES];
         self.watch = Watch::default();
         if self.running.is_some() {
-            let _ = self.stop(now_us);
+            let _ = self.stop();
             if let Some(running) = &mut self.running {
                 running.request = None;
             }
@@ -293,8 +293,8 @@ impl<B: Board> Controller<B> {
     }
 
     /// Brings all axes to rest by their ramps and closes the shutter.
-    fn stop(&mut self, now_us: u64) -> Result<(), PinFailure> {
-        self.axes.iter_mut().for_each(|axis| axis.stop(now_us));
+    fn stop(&mut self) -> Result<(), PinFailure> {
+        self.axes.iter_mut().for_each(|axis| axis.stop());
         if let Some(running) = &mut self.running {
             running.task = Task::Stop;
         }

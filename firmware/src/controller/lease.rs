@@ -73,7 +73,7 @@ impl<B: Board> Controller<B> {
         self.link.events.alarm(Event::Fault(FaultReport { fault, axis: None, at_us: now_us }));
         self.refuse_waiting(now_us, Refusal::Faulted(self.safety.faults()));
         let dimmed = !self.lamp.is_on() || self.lamp.switch(now_us, level > 0, level).is_ok();
-        if self.stop(now_us).is_err() || !dimmed {
+        if self.stop().is_err() || !dimmed {
             self.raise(now_us, Fault::Hardware, None);
         }
     }

@@ -153,7 +153,7 @@ impl<B: Board> Controller<B> {
         // Axes that go on alone would not arrive with the others.
         for ((axis, p), target) in self.axes.iter_mut().zip(&configuration.axes).zip(targets) {
             if configuration.settings.coordinated || !axis.redirect(&mut self.pulses, now_us, target, p) {
-                axis.stop(now_us);
+                axis.stop();
             }
         }
         Ok(Task::Turn { targets })

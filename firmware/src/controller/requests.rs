@@ -130,7 +130,7 @@ impl<B: Board> Controller<B> {
                 Ok(Some(Answer::Nothing))
             }
             Command::Stop => {
-                self.stop(now_us)?;
+                self.stop()?;
                 self.refuse_waiting(now_us, Refusal::Stopped);
                 Ok(Some(Answer::Nothing))
             }

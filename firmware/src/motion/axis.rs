@@ -272,18 +272,18 @@ impl<B: Board> AxisDrive<B> {
             i64::from(target) - i64::from(pulses.with(|pulses| pulses.trains.planned_position(self.axis)));
         let now = self.on_time(now_us);
         if !self.stepper.redirect(now, if forward { ahead } else { -ahead }) {
-            self.stepper.brake(now);
+            self.stepper.brake();
             self.onward = Some(target);
         }
     }
 
     /// Comes to rest by the ramp and forgets the rest of the move.
-    pub(crate) fn stop(&mut self, now_us: u64) {
+    pub(crate) fn stop(&mut self) {
         self.approach = None;
         self.onward = None;
         self.ends_taken_up = false;
         self.renamed = None;
-        self.stepper.brake(self.on_time(now_us));
+        self.stepper.brake();
     }
 
     /// Ceases at once and forgets the position; with `release` the motor no longer holds.

@@ -107,10 +107,11 @@ impl Stepper {
         self.follow(Course::Run(Profile::new(distance, times), Cursor::default()), now);
     }
 
-    /// Comes to rest as fast as the limits allow, after the steps that are handed over.
-    pub(crate) fn brake(&mut self, now: u64) {
+    /// Comes to rest as fast as the limits allow, after the steps that are handed over. It begins with the last of these, though that may be
+    /// past: steps after it are due later than they were, and if those were due already, that they are late must not be lost.
+    pub(crate) fn brake(&mut self) {
         let Course::Run(profile, _) = &self.course else { return };
-        let from = now.max(self.origin).max(self.planned_until);
+        let from = self.origin.max(self.planned_until);
         let mut state = profile.state(from - self.origin);
         state.position -= i64::from(self.planned) << 32;
         self.follow(Course::Brake(Brake::new(state, self.limits)), from);

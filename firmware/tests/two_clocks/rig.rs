@@ -206,7 +206,9 @@ impl PulsesCell<TwoClocks> for Steps {
     fn with<R>(&mut self, does: impl FnOnce(&mut Pulses<TwoClocks>) -> R) -> R {
         let shared = world();
         let look_ns = shared.borrow().costs.look_ns;
-        shared.borrow_mut().spend(look_ns);
+        let lasts_ns = shared.borrow_mut().random(look_ns + 1);
+        let end_ns = shared.borrow().ns + lasts_ns;
+        pass_until(&shared, end_ns);
         let_interrupt();
         let result = PULSES.with(|kept| does(kept.borrow_mut().as_mut().unwrap()));
         let_interrupt();

@@ -42,7 +42,7 @@ impl Motor {
     }
 
     fn brake(&mut self) {
-        self.stepper.brake(self.on_time());
+        self.stepper.brake();
     }
 
     fn redirect(&mut self, target: i32) -> bool {
