@@ -49,7 +49,11 @@ fn command(arguments: &[String]) -> String {
     while let Some(argument) = rest.next() {
         let name = argument.split('=').next().unwrap_or_default();
         if argument == SHARDS {
-            while rest.next_if(|next| !next.starts_with('-')).is_some() {}
+            // A sampled SBRDF that is named behind the shards is none of them.
+            while rest
+                .next_if(|next| !next.starts_with('-') && !next.to_lowercase().ends_with(".zarr"))
+                .is_some()
+            {}
         } else if WITH_VALUE.contains(&name) {
             if name == argument {
                 rest.next();
@@ -116,6 +120,10 @@ mod tests {
         ] {
             assert_eq!(told(same), whole, "{same}");
         }
+        assert_eq!(
+            told("fit --lobes 1 --mip --merge a.exr b.exr data/s.zarr -o m.exr"),
+            "lobelia fit --lobes 1 s.zarr"
+        );
         assert_eq!(told("edit mean a.exr --mask=m/x.png -o b.exr"), "lobelia edit mean a.exr --mask=x.png");
     }
 

@@ -80,7 +80,7 @@ impl Report {
             lobelia: env!("CARGO_PKG_VERSION").into(),
             command: command.into(),
             date: provenance::now(),
-            arguments: std::env::args().skip(1).collect(),
+            arguments: std::env::args_os().skip(1).map(|word| word.to_string_lossy().into_owned()).collect(),
             seed,
             machine: Machine { cpu: cpu_name(), cores: rayon::current_num_threads(), gpu: None },
             inputs: Vec::new(),

@@ -122,6 +122,10 @@ fn maps_stores_and_reports_say_what_made_them_and_the_same_inputs_give_the_same_
     assert_eq!(of("mean.exr", "made.command"), "lobelia edit mean a.exr");
     let hash = of("mean.exr", "edit.1").rsplit(' ').next().unwrap().to_string();
     assert_eq!(of("mean.exr", "made.inputs"), format!("a.exr sha256 {hash}"));
+    // The date of the map before is not this one's.
+    succeed(path, &["edit", "mean", "mean.exr", "-o", "again.exr"]);
+    assert_eq!(attribute(&path.join("again.exr"), "made.date"), None);
+    assert_eq!(of("again.exr", "made.command"), "lobelia edit mean mean.exr");
 }
 
 /// With a driver's software device or without any: nobody is told of a folder of the session.

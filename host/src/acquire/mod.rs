@@ -337,12 +337,19 @@ impl Steps<'_> {
             let shot = Shot { open_s, warm_lamp: true, angles, key: [1, index as u64, number as u64] };
             exposures.push(self.photograph(&file, &shot)?);
         }
-        let frames = exposures.iter().map(|exposure| frame::read(&self.run.path.join(&exposure.file)));
-        let frames = frames.collect::<Result<Vec<RawFrame>>>()?;
+        let frames =
+            exposures.iter().map(|exposure| self.raw_frame(exposure)).collect::<Result<Vec<RawFrame>>>()?;
         let controller_us = self.station.clock_us()?;
         self.journal.append(&Record::Pose { index, exposures, controller_us })?;
         self.count(index, &frames);
         Ok(())
+    }
+
+    /// A frame as `develop` takes it: its exposure is the controller's, whatever the EXIF block says or leaves out.
+    fn raw_frame(&self, exposure: &ExposureRecord) -> Result<RawFrame> {
+        let photograph = frame::read_photograph(&self.run.path.join(&exposure.file))?;
+        let (width, height) = (photograph.width, photograph.height);
+        Ok(RawFrame { width, height, values: photograph.values, exposure_s: exposure.open_s })
     }
 
     /// Counts the samples of a pose; says so when for the first time most of them are clipped, since a run takes hours.

@@ -212,6 +212,8 @@ fn finish(mut map: SbrdfMap, what: &str, output: &Path, context: &Context) -> Re
         format!("{} sha256 {sha256}", name(Path::new(&input.path)))
     });
     edit::note(&mut map, format!("{what}; {}", inputs.collect::<Vec<_>>().join(", ")));
+    // What made the map before is in its notes; a date of it would be taken for this one's.
+    map.attributes.retain(|name, _| !name.starts_with("made."));
     map.attributes.extend(context.report.provenance());
     map.write_exr(output).map_err(|error| Error::writing(output, error))?;
     println!("{}: {} × {} texels, {} lobes", output.display(), map.width, map.height, map.lobes.len());

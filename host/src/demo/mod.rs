@@ -15,6 +15,7 @@ use crate::fit::figures::ErrorFigure;
 use crate::plan::{self, Extent};
 use crate::report::Report;
 use crate::rig::config::{Carrier, RigConfig};
+use crate::sampled::attributes_of;
 
 pub mod fits;
 pub mod page;
@@ -158,9 +159,12 @@ pub fn run(folder: &Path, settings: &Settings, report: &mut Report) -> Result<De
     })?;
     let run = RunFolder::open(&run_folder)?;
 
+    let made = attributes_of(report.provenance());
     let developed = report.stage("develop", || -> Result<Developed> {
         let developed = develop::run(&run_folder)?;
-        developed.sampled.write_zarr_with(&folder.join("sampled.zarr"), &developed.attributes())?;
+        let mut attributes = developed.attributes();
+        attributes.extend(made);
+        developed.sampled.write_zarr_with(&folder.join("sampled.zarr"), &attributes)?;
         Ok(developed)
     })?;
 

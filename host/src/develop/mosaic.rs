@@ -41,6 +41,9 @@ pub(super) struct Mosaic {
 /// # Errors
 /// Half a sentence for a file that is cut short, no TIFF, turned, compressed in a way that is not read, or no mosaic.
 pub(super) fn read(bytes: &[u8]) -> Result<Mosaic, String> {
+    if bytes.starts_with(b"II+\0") || bytes.starts_with(b"MM\0+") {
+        return Err("the frame is a BigTIFF, which is not read; store it as a TIFF".into());
+    }
     let broken = || "the frame is truncated or not a TIFF".to_string();
     let directory = Directory::first(bytes).ok_or_else(broken)?;
     if let Some(turned) = directory.number(ORIENTATION).filter(|&value| value > 1) {
@@ -256,6 +259,7 @@ mod tests {
         let place = at(&packed);
         packed[place] = 5;
         assert!(read(&packed).unwrap_err().contains("12-bit pixels are compressed by LZW"));
+        assert!(read(b"II+\0\x08\0\0\0").unwrap_err().contains("a BigTIFF, which is not read"));
         let mut jpeg = case("cfa.tif");
         let place = at(&jpeg);
         jpeg[place] = 7;

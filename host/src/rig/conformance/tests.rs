@@ -133,7 +133,11 @@ impl bring_up::Operator for Hands {
             Act::ReleaseStop => self.rig.release_emergency_stop(),
             Act::UnplugSwitch(axis) => self.rig.set_home_switch_wire(axis, true),
             Act::PlugSwitch(axis) => self.rig.set_home_switch_wire(axis, false),
-            Act::SeesLight => return Ok(self.rig.lamp_level() > 0.0),
+            Act::SeesLight => {
+                // Nobody looks and answers within the lamp's lease.
+                self.rig.abandon_until_us(self.rig.now_us() + 20_000_000);
+                return Ok(self.rig.lamp_level() > 0.0);
+            }
             Act::SeesDark => return Ok(self.rig.lamp_level() == 0.0),
             _ => {}
         }
