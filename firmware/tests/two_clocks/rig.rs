@@ -6,7 +6,7 @@
 #![allow(clippy::unwrap_used)]
 
 use std::cell::{Cell, RefCell};
-use std::collections::VecDeque;
+use std::collections::{HashMap, VecDeque};
 use std::rc::Rc;
 
 use lobelia_firmware::{AxisPins, Controller, Peripherals, Pulses, PulsesCell};
@@ -232,6 +232,8 @@ pub(crate) struct Rig {
     controller: Controller<TwoClocks>,
     decoder: FrameDecoder,
     last_id: u32,
+    /// Final answers that have come.
+    answers: HashMap<u32, Outcome>,
     polls: u64,
     /// Whether the host is heard whenever it waits.
     pub(crate) heard: bool,
@@ -283,7 +285,16 @@ impl Rig {
         });
         let decoder = FrameDecoder::new();
         let skew = Skew::default();
-        let mut rig = Self { world, skew, controller, decoder, last_id: 0, polls: 0, heard: true };
+        let mut rig = Self {
+            world,
+            skew,
+            controller,
+            decoder,
+            last_id: 0,
+            answers: HashMap::new(),
+            polls: 0,
+            heard: true,
+        };
         rig.send(&ToController::Hello(Hello::new(SESSION)));
         rig.turn();
         rig
@@ -373,20 +384,26 @@ impl Rig {
     pub(crate) fn outcome(&mut self, id: u32) -> Outcome {
         let end_ns = self.ns() + PATIENCE_NS;
         while self.ns() < end_ns {
-            let bytes = std::mem::take(&mut self.world.borrow_mut().to_host);
-            for byte in bytes {
-                if let Some(Ok(payload)) = self.decoder.push(byte)
-                    && let ToHost::Response(response) = ToHost::decode(payload).unwrap()
-                    && response.id == id
-                    && response.outcome != Outcome::Running
-                {
-                    return response.outcome;
-                }
+            self.receive();
+            if let Some(outcome) = self.answers.get(&id) {
+                return *outcome;
             }
             self.hear();
             self.turn();
         }
         Outcome::Running
+    }
+
+    fn receive(&mut self) {
+        let bytes = std::mem::take(&mut self.world.borrow_mut().to_host);
+        for byte in bytes {
+            if let Some(Ok(payload)) = self.decoder.push(byte)
+                && let ToHost::Response(response) = ToHost::decode(payload).unwrap()
+                && response.outcome != Outcome::Running
+            {
+                self.answers.insert(response.id, response.outcome);
+            }
+        }
     }
 
     pub(crate) fn ask(&mut self, command: Command) -> Outcome {
