@@ -133,7 +133,7 @@ pub(super) struct FitArgs {
     /// The colour of texels that are of no region, #rrggbb or a grey value from 0 to 255
     #[arg(long, value_name = "COLOUR", requires = "pool", value_parser = pool::parse_colour)]
     pub(super) pool_outside: Option<[u8; 3]>,
-    /// Most samples to which a region is fitted: those of whole texels, drawn by --seed; errors are of all
+    /// Most samples to which a region is fitted: those of whole texels that have any, drawn by --seed; errors are of all
     #[arg(long, value_name = "N", default_value_t = MOST_SAMPLES, requires = "pool")]
     pub(super) pool_samples: usize,
 }

@@ -32,6 +32,8 @@ pub enum Kind {
     Shape,
     /// Texels with a residual that their noise does not explain.
     UnexplainedTexels,
+    /// Regions of a pooled fit of which no sample was fitted.
+    EmptyRegion,
     /// Poses with a residual far above that of the others.
     OutstandingPose,
 }

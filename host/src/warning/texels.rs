@@ -1,7 +1,8 @@
 //! Texels of a fitted map that a person should look at: too few valid samples, and residuals that the noise does not explain.
 
-use super::{Kind, Warning, percent};
+use super::{Kind, NAMED, Warning, percent};
 use crate::fit::FitOptions;
+use crate::fit::pool::RegionReport;
 use crate::fit::texel::unknowns;
 use crate::reflectance::SbrdfMap;
 
@@ -60,6 +61,30 @@ pub fn few_samples(map: &SbrdfMap, options: &FitOptions) -> Option<Warning> {
     Some(Warning { texels: Some(count), ..Warning::new(Kind::FewPoses, text) })
 }
 
+/// Names the regions of a pooled fit of which no sample was fitted.
+pub fn empty_regions(regions: &[RegionReport]) -> Option<Warning> {
+    let empty: Vec<&RegionReport> = regions.iter().filter(|region| region.fitted == 0).collect();
+    let list: Vec<String> = empty.iter().take(NAMED).map(|region| region.name.clone()).collect();
+    let more = match empty.len().saturating_sub(NAMED) {
+        0 => String::new(),
+        more => format!(" and {more} more"),
+    };
+    let word = match empty.len() {
+        0 => return None,
+        1 => "region",
+        _ => "regions",
+    };
+    let samples: usize = empty.iter().map(|region| region.samples).sum();
+    let why = if samples == 0 {
+        "no texel there has a valid sample".to_string()
+    } else {
+        format!("none of the {samples} valid samples there was fitted")
+    };
+    let text = format!("{word} {}{more}: {why}; the texels are black", list.join(", "));
+    let texels = empty.iter().map(|region| region.texels).sum();
+    Some(Warning { texels: Some(texels), ..Warning::new(Kind::EmptyRegion, text) })
+}
+
 /// Where in the image most of the marked texels lie.
 fn place(map: &SbrdfMap, flags: &[bool]) -> String {
     let across = map.width.div_ceil(BLOCK);
@@ -100,6 +125,26 @@ mod tests {
         for quiet in [map(2, 8.0, 0.3), map(12, 2.0, 0.3), map(12, 8.0, 0.05), SbrdfMap::new(40, 20, 1)] {
             assert_eq!(unexplained_warning(&quiet), None);
         }
+    }
+
+    #[test]
+    fn regions_without_a_fitted_sample_are_named_and_others_are_not() {
+        let region = |number: usize, fitted: usize, samples: usize| RegionReport {
+            name: format!("{number} #000000"),
+            texels: 10,
+            samples,
+            fitted,
+            lobes: 0,
+            rms: 0.0,
+            relative: 0.0,
+            bounded: 0,
+        };
+        assert_eq!(empty_regions(&[region(1, 40, 400)]), None);
+        let found = empty_regions(&[region(1, 40, 400), region(2, 0, 0), region(3, 0, 0)]).unwrap();
+        assert_eq!((found.kind, found.texels), (Kind::EmptyRegion, Some(20)));
+        assert!(found.text.starts_with("regions 2 #000000, 3 #000000: no texel there"), "{}", found.text);
+        let found = empty_regions(&[region(1, 0, 12)]).unwrap();
+        assert!(found.text.contains("none of the 12 valid samples"), "{}", found.text);
     }
 
     #[test]

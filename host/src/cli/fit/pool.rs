@@ -14,6 +14,7 @@ use crate::fit::pool::regions::Regions;
 use crate::fit::pool::{self, PoolOptions, RegionReport};
 use crate::fit::{Device, FitOptions};
 use crate::sampled::SampledStore;
+use crate::warning::texels;
 
 /// Regions that are told one by one on the terminal; the report has all.
 const TOLD: usize = 24;
@@ -56,6 +57,7 @@ pub(super) fn fit(
     outcome.figures.insert("texels_outside_regions".into(), outside.into());
     outcome.figures.insert("regions".into(), pooled.regions.iter().map(as_json).collect());
     let held_out = held_out::judge(held, store, &pooled.map, &mut outcome)?;
+    outcome.warnings.extend(texels::empty_regions(&pooled.regions));
     warnings::of_texels(&mut outcome, &pooled.map);
     print(&format!(
         "{} texels × {} poses in {} {}, a ρ_d a {}: {seconds:.1} s\n{}{}",

@@ -4,8 +4,9 @@
 //! directions of its material. The lobes are the region's; ρ_d is the region's as well, or each texel's own ([`RhoD`]). The fit is the separable one over
 //! all samples at once, of texels chosen at random where there are too many.
 //!
-//! [`regions`] reads which texel is of which region, [`region`] fits one region, [`texels`] gives every texel its coefficients and errors.
+//! [`regions`] reads which texel is of which region, [`choose`] which of them are fitted, [`region`] fits one region, [`texels`] gives every texel its coefficients and errors.
 
+mod choose;
 mod region;
 pub mod regions;
 #[cfg(test)]
@@ -14,7 +15,6 @@ mod texels;
 
 use rayon::prelude::*;
 
-use super::random::Random;
 use super::samples::{self, Sample};
 use super::separable;
 use super::texel::TexelFit;
@@ -59,7 +59,7 @@ impl RhoD {
 pub struct PoolOptions {
     /// Whose ρ_d is.
     pub rho_d: RhoD,
-    /// Most samples to which a region is fitted. Those of whole texels, chosen at random, are left out beyond it.
+    /// Most samples to which a region is fitted. Beyond it, those of whole texels, drawn among the texels that have any, are taken.
     pub most_samples: usize,
     /// Seed of that choice.
     pub seed: u64,
@@ -233,8 +233,8 @@ fn fit(
     if [regions.width, regions.height] != source.size {
         return Err(Error::input("the regions are not those of a sample of this size"));
     }
+    let chosen = choose::texels(source, &read, regions, options.weights, pool)?;
     let bar = progress::bar("fitting", regions.colours.len() as u64, "regions");
-    let chosen = chosen(regions, source.poses, pool);
     let mut fits: Vec<RegionFit> = Vec::with_capacity(chosen.len());
     for batch in batches(&chosen, source.poses) {
         let gathered = gather(source, &read, regions, &chosen[batch.clone()], batch.start, options.weights)?;
@@ -266,17 +266,6 @@ fn fit(
         bounded: totals.bounded,
     };
     Ok(Pooled { map, regions: fits.iter().zip(&totals).enumerate().map(report).collect() })
-}
-
-/// The texels of every region to whose samples it is fitted, in order.
-fn chosen(regions: &Regions, poses: usize, pool: &PoolOptions) -> Vec<Vec<usize>> {
-    let most = (pool.most_samples / poses.max(1)).max(1);
-    let mut texels = regions.texels();
-    for (region, texels) in texels.iter_mut().enumerate() {
-        let seed = Random::new(pool.seed ^ 0x706f_6f6c).bits() ^ region as u64;
-        Random::new(seed).draw(texels, most);
-    }
-    texels
 }
 
 /// Runs of regions whose samples are in memory together.

@@ -274,6 +274,22 @@ fn a_store_is_fitted_as_the_samples_in_memory_and_by_fewer_samples_almost_as_wel
 }
 
 #[test]
+fn texels_without_a_sample_take_no_place_of_those_that_are_drawn() {
+    let mut sampled = sampled(4, 1e-3, |_| material(Rgb::splat(0.1), 10.0));
+    let span = 3 * sampled.poses.len();
+    // Of the left half three texels have samples, of the right one none.
+    let kept = [0, 2 * SIDE + 1, 5 * SIDE + 3];
+    for texel in (0..SIDE * SIDE).filter(|texel| !kept.contains(texel)) {
+        sampled.reflectance[texel * span..][..span].fill(f32::NAN);
+    }
+    let few = PoolOptions { most_samples: 2 * 4, ..PoolOptions::default() };
+    let options = FitOptions { lobes: 0, ..FitOptions::default() };
+    let pooled = fit_sbrdf(&sampled, &halves(), &options, &few).unwrap();
+    assert_eq!(pooled.regions.iter().map(|region| region.fitted).collect::<Vec<_>>(), [8, 0]);
+    assert_eq!((pooled.regions[0].samples, pooled.regions[1].samples), (12, 0));
+}
+
+#[test]
 fn what_cannot_be_pooled_is_refused() {
     let sampled = sampled(3, 0.0, |_| material(Rgb::splat(0.1), 5.0));
     let refused = |options: FitOptions, pool: PoolOptions| {
