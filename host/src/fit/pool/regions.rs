@@ -54,13 +54,18 @@ impl Regions {
         }
     }
 
-    /// Reads an index image, as `lobelia edit cluster --index` writes them: an indexed, grey or coloured PNG of one pixel a texel.
+    /// Reads an index image, as `lobelia edit cluster --index` writes them: an indexed, grey or coloured PNG of 8 bits a channel at most and one pixel a texel.
     ///
     /// # Errors
-    /// Input errors for a file that cannot be read, of another size than the sample, or without or with too many regions.
+    /// Input errors for a file that cannot be read, of 16 bits a channel, of another size than the sample, or without or with too many regions.
     pub fn read(path: &Path, size: [usize; 2], outside: Option<[u8; 3]>) -> Result<Self> {
-        let image = picture_file::decode(path)?.to_rgba8();
+        let image = picture_file::decode(path)?;
         let wrong = |what: String| Error::input(format!("{}: {what}", path.display()));
+        // Cut to 8 bits, colours that differ in the low ones alone would become one region.
+        if image.color().bytes_per_pixel() != image.color().channel_count() {
+            return Err(wrong("the index image has 16 bits a channel; write it with 8".into()));
+        }
+        let image = image.to_rgba8();
         let found = [image.width() as usize, image.height() as usize];
         if found != size {
             return Err(wrong(format!(
@@ -116,6 +121,19 @@ mod tests {
             (indexed.of, indexed.colours),
             (vec![Some(0), Some(1), Some(0)], vec![[4, 5, 6], [1, 2, 3]])
         );
+    }
+
+    #[test]
+    fn sixteen_bits_a_channel_are_refused_since_regions_could_become_one() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("index.png");
+        let grey = image::ImageBuffer::from_fn(2, 1, |x, _| image::Luma([0x0100 + x as u16]));
+        let colour = image::ImageBuffer::from_fn(2, 1, |x, _| image::Rgb([0x0100 + x as u16; 3]));
+        for picture in [image::DynamicImage::ImageLuma16(grey), image::DynamicImage::ImageRgb16(colour)] {
+            picture.save(&path).unwrap();
+            let error = Regions::read(&path, [2, 1], None).unwrap_err();
+            assert!(error.exit_code() == 2 && error.to_string().contains("16 bits a channel"), "{error}");
+        }
     }
 
     #[test]
