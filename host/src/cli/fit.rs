@@ -18,7 +18,7 @@ use crate::files;
 use crate::fit::chunks::{self, Part};
 use crate::fit::extensions::{Extensions, Microfacets};
 use crate::fit::figures::ErrorFigure;
-use crate::fit::held_out::{HeldOut, Which};
+use crate::fit::held_out::{HeldOut, Which, left_out};
 use crate::fit::pool::{MOST_SAMPLES, RhoD};
 use crate::fit::weights::Weights;
 use crate::fit::{AlbedoBound, Device, Diffuse, FitOptions, MOST_LOBES, Method, Residual, gpu, mip};
@@ -335,18 +335,22 @@ pub(super) fn run(args: &FitArgs, context: &mut super::Context) -> Result<()> {
     Ok(())
 }
 
-/// What maps say of how they were made. Of a sampled SBRDF the hash is that of its size and poses: for one of the samples each part
+/// What maps say of how they were made, and which poses of their samples weigh nothing. Of a sampled SBRDF the hash is that of its size and poses: for one of the samples each part
 /// of a fit would have to read them all.
 fn made(args: &FitArgs, report: &Report) -> Texts {
     let mut of_map = Report { inputs: Vec::new(), ..report.clone() };
+    let mut weightless = None;
     if let Some(input) = &args.input {
         match SampledStore::open(input) {
-            Ok(store) => of_map.input_by(input, store.geometry_sha256()),
+            Ok(store) => {
+                of_map.input_by(input, store.geometry_sha256());
+                weightless = left_out(&store.poses);
+            }
             Err(_) => of_map.input(input),
         }
     }
     args.pool.iter().for_each(|index| of_map.input(index));
-    of_map.provenance()
+    of_map.provenance().into_iter().chain(weightless).collect()
 }
 
 /// Prints what was found to stdout and writes the map where one is asked for. `seed` is that of the random starts.

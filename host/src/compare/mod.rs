@@ -24,7 +24,7 @@ use crate::chart::Chart;
 use crate::develop::radiance::{MosaicRadiance, bayer_channel};
 use crate::develop::registration::Registration;
 use crate::develop::resample::BayerPlanes;
-use crate::develop::{Photographs, camera, reflectance};
+use crate::develop::{self, Photographs, camera, reflectance};
 use crate::error::{Error, Result};
 use crate::fit::held_out;
 use crate::page::colour_map::ColourMap;
@@ -332,7 +332,7 @@ impl Pictures {
 }
 
 /// Opens the run and compares. `measured_in` is the run that the map was fitted from; without it that is the compared run itself,
-/// where the sample lies flat in it. Poses that were held out of the fit are none of it.
+/// where the sample lies flat in it.
 ///
 /// # Errors
 /// As [`poses`] and [`Photographs::open`].
@@ -345,17 +345,51 @@ pub fn run(
     let photographs = Photographs::open(folder)?;
     let other = measured_in.map(RunFolder::open).transpose()?;
     let own = Some(&photographs.run).filter(|run| run.rig.carrier.cylinder_radius_mm.is_none());
-    let held_out = held_out::noted(map);
-    let cone = other.as_ref().or(own).map(|run| Cone::of_plan(&run.plan, &run.rig).without(&held_out));
+    let cone = other.as_ref().or(own).map(|run| measured(run, map)).transpose()?;
     let comparison = poses(&photographs, map, wanted, cone)?;
     let chart = page::chart(&photographs, map, &comparison)?;
     Ok((comparison, chart))
 }
 
+/// The cone of the poses of a run that a map was fitted from: without those that were not photographed, and those that the map says were
+/// skipped, not registered or held out.
+fn measured(run: &RunFolder, map: &SbrdfMap) -> Result<Cone> {
+    let photographed = develop::photographed(run)?;
+    let mut left_out = held_out::noted(map);
+    left_out.extend((0..photographed.len()).filter(|&pose| photographed[pose].is_none()));
+    Ok(Cone::of_plan(&run.plan, &run.rig).without(&left_out))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::acquire::journal::Record;
+    use crate::by_angle::Side;
+    use crate::plan::{self, Extent};
     use crate::reflectance::LobeBrdf;
+    use crate::rig::geometry::directions;
+
+    #[test]
+    fn poses_that_were_not_photographed_registered_or_fitted_are_not_measured() {
+        let rig = RigConfig::default();
+        let mut plan = plan::make(&rig, Extent::Budget(6), true, 1).unwrap();
+        // So near that a pose is in its own cone alone.
+        plan.spacing_deg = 0.5;
+        let pairs: Vec<_> = (0..6).map(|pose| directions(&rig, &plan.angles(pose))).collect();
+        let pose = |index| Record::Pose { index, exposures: Vec::new(), controller_us: 1 };
+        let suspect = Record::Suspect { from: 4, lost_steps: [9, 0, 0, 0], controller_us: 2 };
+        let mut records: Vec<Record> = [0, 2, 3, 4, 5].map(pose).into();
+        records.extend([suspect, pose(4)]);
+        let run = RunFolder { path: "run".into(), plan, rig, records };
+        let mut map = SbrdfMap::new(1, 1, 1);
+        map.attributes.insert("fit.left_out_poses".into(), "2".into());
+        map.attributes.insert("fit.held_out_poses".into(), "3".into());
+        let cone = measured(&run, &map).unwrap();
+        let inside: Vec<bool> = (pairs.iter())
+            .map(|(wi, wo)| cone.zone(wi.as_vec3(), wo.as_vec3(), &mut 0).side == Side::Inside)
+            .collect();
+        assert_eq!(inside, [true, false, false, false, true, false]);
+    }
 
     #[test]
     fn bilinear_weights_sum_to_one_and_centres_take_their_own_texel() {

@@ -322,15 +322,13 @@ fn nothing(why: String) -> Photographed {
     (MosaicRadiance { width: 0, height: 0, data: Vec::new(), variance: Vec::new() }, Err(why.into()))
 }
 
-/// The exposures of every pose of the plan, in the plan's order, or why it is left out.
-fn recorded_poses(
-    run: &RunFolder,
-    options: &Options,
-) -> Result<Vec<std::result::Result<Vec<ExposureRecord>, String>>> {
+/// The exposures of every pose of the plan, in the plan's order, as the journal has them; none of a pose that is not photographed, or not
+/// where the plan has it.
+///
+/// # Errors
+/// Input errors for a pose that is not in the plan.
+pub(crate) fn photographed(run: &RunFolder) -> Result<Vec<Option<Vec<ExposureRecord>>>> {
     let count = run.plan.poses.len();
-    if let Some(pose) = options.skip.iter().find(|&&pose| pose >= count) {
-        return Err(Error::input(format!("pose {pose} is not in the plan, which has 0 to {}", count - 1)));
-    }
     let mut poses: Vec<Option<Vec<ExposureRecord>>> = vec![None; count];
     for record in &run.records {
         if let Record::Pose { index, exposures, .. } = record {
@@ -344,7 +342,19 @@ fn recorded_poses(
             poses.iter_mut().skip(*from).for_each(|exposures| *exposures = None);
         }
     }
-    let named = poses.into_iter().enumerate().map(|(index, exposures)| match exposures {
+    Ok(poses)
+}
+
+/// The exposures of every pose of the plan, in the plan's order, or why it is left out.
+fn recorded_poses(
+    run: &RunFolder,
+    options: &Options,
+) -> Result<Vec<std::result::Result<Vec<ExposureRecord>, String>>> {
+    let count = run.plan.poses.len();
+    if let Some(pose) = options.skip.iter().find(|&&pose| pose >= count) {
+        return Err(Error::input(format!("pose {pose} is not in the plan, which has 0 to {}", count - 1)));
+    }
+    let named = photographed(run)?.into_iter().enumerate().map(|(index, exposures)| match exposures {
         _ if options.skip.contains(&index) => Err("it was asked for".to_string()),
         Some(exposures) => Ok(exposures),
         None => Err("it is not photographed yet".to_string()),

@@ -56,10 +56,20 @@ impl FromStr for Which {
 /// The attribute of a map that lists the poses that it was not fitted to.
 const NOTE: &str = "fit.held_out_poses";
 
+/// The attribute of a map that lists the poses that weigh nothing in the samples: those that were skipped, not photographed or not registered.
+const LEFT_OUT: &str = "fit.left_out_poses";
+
 /// The poses that a map says it was not fitted to, counted from 0.
 pub fn noted(map: &SbrdfMap) -> Vec<usize> {
-    let list = map.attributes.get(NOTE).map_or("", String::as_str);
-    list.split(' ').filter_map(|pose| pose.parse().ok()).collect()
+    let lists = [NOTE, LEFT_OUT].into_iter().filter_map(|name| map.attributes.get(name));
+    lists.flat_map(|list| list.split(' ')).filter_map(|pose| pose.parse().ok()).collect()
+}
+
+/// What maps of these poses say of those without a weight: name and text of an attribute; none where all have one.
+pub fn left_out(poses: &[PoseGeometry]) -> Option<(String, String)> {
+    let weightless = (0..poses.len()).filter(|&pose| poses[pose].weight <= 0.0);
+    let list: Vec<String> = weightless.map(|pose| pose.to_string()).collect();
+    (!list.is_empty()).then(|| (LEFT_OUT.to_string(), list.join(" ")))
 }
 
 /// Poses that are held out.
@@ -331,6 +341,19 @@ mod tests {
         assert!(held.distance[0] <= held.near && held.distance[1] > 0.5, "{held:?}");
         let weights: Vec<f64> = poses.iter().map(|pose| pose.weight).collect();
         assert_eq!(weights, [0.0, 1.0, 1.0, 1.0, 1.0, 0.0, 1.0, 0.0]);
+    }
+
+    #[test]
+    fn a_map_says_which_poses_were_held_out_and_which_weigh_nothing_in_its_samples() {
+        let mut poses = synth::poses(8, 1);
+        assert_eq!(left_out(&poses), None);
+        (poses[2].weight, poses[6].weight) = (0.0, 0.0);
+        let mut map = SbrdfMap::new(1, 1, 1);
+        map.attributes.extend(left_out(&poses));
+        assert_eq!(noted(&map), [2, 6]);
+        let held = HeldOut::choose(&mut poses, &"list:3".parse().unwrap(), true, 1).unwrap();
+        held.note(&mut map);
+        assert_eq!(noted(&map), [3, 2, 6]);
     }
 
     #[test]

@@ -278,6 +278,19 @@ fn a_pooled_fit_writes_a_map_of_regions_and_reports_each() {
 }
 
 #[test]
+fn maps_say_which_poses_of_their_samples_weigh_nothing() {
+    let folder = tempfile::tempdir().unwrap();
+    let (store, _) = store_and_index(folder.path());
+    let args = parsed(&[&store, "-o", "material.exr"]);
+    let report = Report::new("fit", 1);
+    assert!(!made(&args, &report).contains_key("fit.left_out_poses"));
+    let mut sampled = SampledSbrdf::read_zarr(Path::new(&store)).unwrap();
+    [3, 7].into_iter().for_each(|pose| sampled.poses[pose].weight = 0.0);
+    sampled.write_zarr(Path::new(&store)).unwrap();
+    assert_eq!(made(&args, &report)["fit.left_out_poses"], "3 7");
+}
+
+#[test]
 fn held_out_poses_are_told_the_same_for_a_fit_at_once_and_in_parts() {
     let folder = tempfile::tempdir().unwrap();
     let (store, _) = store_and_index(folder.path());
