@@ -110,17 +110,16 @@ impl Fits {
         self.others.iter().chain(std::iter::once(&self.result))
     }
 
-    /// The compared fits with what tables call them, in the order of [`COMPARED`].
-    pub fn compared(&self) -> Vec<(&'static str, &FitOutcome)> {
+    /// The compared fits with what tables call them, in the order of [`COMPARED`]; last the result, where none of them is fitted like it.
+    pub fn compared(&self) -> Vec<(String, &FitOutcome)> {
         let found = |compared: &Compared| {
-            let like = |fit: &&FitOutcome| {
-                let FitOptions { method, lobes, choose, separate_channels, .. } = fit.options;
-                !separate_channels
-                    && (method, lobes, choose) == (compared.method, compared.lobes, compared.choose)
-            };
-            Some((compared.name, self.all().find(like)?))
+            let fit = self.all().find(|fit| is_like(&fit.options, compared))?;
+            Some((compared.name.to_string(), fit))
         };
-        COMPARED.iter().filter_map(found).collect()
+        let result = &self.result.options;
+        let other = COMPARED.iter().all(|compared| !is_like(result, compared));
+        let last = other.then(|| (short_name(result), &self.result));
+        COMPARED.iter().filter_map(found).chain(last).collect()
     }
 
     /// Fits, judges by what lies on the bench, and notes stages and errors in `report`.
@@ -169,6 +168,18 @@ impl Fits {
     }
 }
 
+/// Whether a fit stands for a compared one.
+fn is_like(options: &FitOptions, compared: &Compared) -> bool {
+    let FitOptions { method, lobes, choose, separate_channels, .. } = *options;
+    !separate_channels && (method, lobes, choose) == (compared.method, compared.lobes, compared.choose)
+}
+
+/// What tables call a fit that is none of [`COMPARED`].
+fn short_name(options: &FitOptions) -> String {
+    let channel = if options.separate_channels { " a channel" } else { "" };
+    format!("{}, {}{channel}", options.method.name(), lobes_title(options))
+}
+
 /// How many lobes were fitted, in words.
 pub fn lobes_title(options: &FitOptions) -> String {
     match options {
@@ -191,6 +202,39 @@ fn middle(sampled: &SampledSbrdf) -> Window {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_result_that_is_fitted_like_no_compared_method_has_a_row_of_its_own_at_the_end() {
+        let fitted = |options: FitOptions| FitOutcome {
+            options,
+            window: Window { x: 0..1, y: 0..1 },
+            map: SbrdfMap::new(1, 1, 0),
+            seconds: 1.0,
+            errors: vec![0.1],
+            by_angle: ByAngle::empty(1),
+            materials: vec![0],
+        };
+        let names = |result: FitOptions| -> Vec<String> {
+            let others = COMPARED.iter().map(Compared::options).filter(|options| *options != result);
+            let fits = Fits {
+                result: fitted(result),
+                others: others.map(fitted).collect(),
+                window: Window { x: 0..1, y: 0..1 },
+            };
+            fits.compared().into_iter().map(|(name, _)| name).collect()
+        };
+        let compared = COMPARED.map(|compared| compared.name.to_string());
+        assert_eq!(names(FitOptions { lobes: 2, ..FitOptions::default() }), compared);
+        for (lobes, separate_channels, name) in [
+            (0, false, "separable, 0 lobes"),
+            (3, false, "separable, 3 lobes"),
+            (1, true, "separable, 1 lobe a channel"),
+        ] {
+            let result = FitOptions { lobes, separate_channels, ..FitOptions::default() };
+            let found = names(result);
+            assert_eq!((&found[..7], found[7..].concat().as_str()), (&compared[..], name));
+        }
+    }
 
     #[test]
     fn methods_are_compared_over_half_of_the_sample_or_all_of_a_small_one() {

@@ -96,12 +96,13 @@ fn histograms(outcome: &DemoOutcome) -> String {
         html::figure(&axes.draw(&counted(errors), median, &fit_name(fit)), &caption)
     };
     let group = |title: &str, one: bool| {
-        let chosen = || fits.iter().filter(|(fit, _)| (fit.options.lobes == 1) == one);
+        let chosen = || fits.iter().filter(|(fit, _)| (fit.options.lobes <= 1) == one);
         let highest = chosen().map(|(_, errors)| counted(errors).most()).max().unwrap_or(1);
         let figures: String = chosen().map(|fit| figure(fit, highest)).collect();
         format!("<h3>{title}</h3>\n<div class=\"four\">{figures}</div>\n")
     };
-    group("One lobe", true) + &group("Two lobes and more", false)
+    let none = fits.iter().any(|(fit, _)| fit.options.lobes == 0);
+    group(if none { "One lobe or none" } else { "One lobe" }, true) + &group("Two lobes and more", false)
 }
 
 /// Errors as cells of a table, percent.
