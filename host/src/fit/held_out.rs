@@ -125,7 +125,7 @@ impl HeldOut {
     }
 
     /// The error of a map on the samples of the held-out poses, read from the store chunk by chunk: of all of them, of the near and of the far ones.
-    /// Texels that the map has no coefficients for, since they had no samples, do not count.
+    /// Texels that the map has no coefficients for, since they had no samples or are of no region of a pooled fit, do not count.
     ///
     /// # Errors
     /// When a chunk cannot be read.
@@ -172,7 +172,9 @@ fn texel_error(
     index: usize,
     far: &BTreeSet<usize>,
 ) -> TexelError {
-    if map.extra.get("samples").is_some_and(|samples| samples[texel] == 0.0) {
+    let none = |plane: &str| map.extra.get(plane).map(|values| values[texel] == 0.0);
+    // A texel of a region has the region's coefficients without any sample of its own.
+    if none("region").or_else(|| none("samples")).unwrap_or(false) {
         return [None; 3];
     }
     let mut sums = [[0.0; 2]; 3];
@@ -322,6 +324,22 @@ mod tests {
             assert!((found / errors[expected] - 1.0).abs() < 1e-5, "{found} {}", errors[expected]);
         }
         assert_eq!((near.poses + far.poses, all.worst > 0.5), (2, true));
+    }
+
+    #[test]
+    fn texels_without_samples_count_where_they_have_the_coefficients_of_a_region() {
+        let folder = tempfile::tempdir().unwrap();
+        let (sampled, _) = sampled(folder.path());
+        let mut map = SbrdfMap::new(sampled.width, sampled.height, 1);
+        let judged = |map: &SbrdfMap| texel_error(map, 0, &sampled, 0, &BTreeSet::new())[0].is_some();
+        let plane = |value: f32| vec![value; sampled.texels()];
+        assert!(judged(&map));
+        map.extra.insert("samples".into(), plane(0.0));
+        assert!(!judged(&map));
+        map.extra.insert("region".into(), plane(1.0));
+        assert!(judged(&map));
+        map.extra.insert("region".into(), plane(0.0));
+        assert!(!judged(&map));
     }
 
     #[test]
