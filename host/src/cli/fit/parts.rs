@@ -105,10 +105,7 @@ pub(super) fn merge(args: &FitArgs, seed: u64) -> Result<FitOutcome> {
         Some(store) => held_out::judge(held.as_ref(), store, &map, &mut outcome)?,
         None => String::new(),
     };
-    warnings::of_texels(&mut outcome, &map);
-    if let Some(store) = &store {
-        warnings::of_poses(&mut outcome, store, &map)?;
-    }
+    warnings::of_joined(&mut outcome, store.as_ref(), &map)?;
     let (file, shards) = (output.display(), args.merge.len());
     let residuals = outcome.residuals();
     print(&format!("{file}: {} texels of {shards} shards\n{residuals}{held_out}", map.width * map.height))?;

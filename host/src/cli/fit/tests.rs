@@ -2,6 +2,7 @@
 
 use super::*;
 use crate::sampled::SampledSbrdf;
+use crate::warning::Kind;
 use clap::Parser;
 use std::fmt::Write as _;
 
@@ -275,6 +276,27 @@ fn a_pooled_fit_writes_a_map_of_regions_and_reports_each() {
         let all = std::iter::once(&"fit").chain(&arguments).chain(wrong);
         assert!(Command::try_parse_from(all).is_err(), "{wrong:?}");
     }
+}
+
+#[test]
+fn parts_that_are_joined_with_their_samples_tell_of_poses_as_one_fit_does() {
+    let folder = tempfile::tempdir().unwrap();
+    let (store, _) = store_and_index(folder.path());
+    let mut sampled = SampledSbrdf::read_zarr(Path::new(&store)).unwrap();
+    sampled.poses.iter_mut().for_each(|pose| pose.camera_mm = glam::DVec3::Z * 1000.0);
+    sampled.poses[9].light_mm.x = f64::NAN;
+    sampled.write_zarr(Path::new(&store)).unwrap();
+    let path = |name: &str| folder.path().join(name).to_str().unwrap().to_string();
+    let (whole, part, merged) = (path("whole.exr"), path("part.exr"), path("merged.exr"));
+    let run = |more: &[&str]| fit_input(&parsed(&[&[&store[..]], more].concat()), 1).unwrap().warnings;
+    let told = |warnings: &[Warning]| -> Vec<String> {
+        let of_poses = |warning: &&Warning| matches!(warning.kind, Kind::UnknownPose | Kind::Shape);
+        warnings.iter().filter(of_poses).map(|warning| warning.text.clone()).collect()
+    };
+    let at_once = told(&run(&["--lobes", "1", "--isotropic", "-o", &whole]));
+    assert!(at_once.len() == 2 && at_once[0].starts_with("pose 9 is left out"), "{at_once:?}");
+    run(&["--lobes", "1", "--isotropic", "--chunks", "1/1", "-o", &part]);
+    assert_eq!(told(&run(&["-o", &merged, "--merge", &part])), at_once);
 }
 
 #[test]

@@ -35,6 +35,26 @@ pub(super) fn of_fit(
     of_poses(outcome, store, map)
 }
 
+/// Warns of the poses and texels of a map that was joined of parts, as after one fit; samples are counted by the parts.
+///
+/// # Errors
+/// When a chunk of the store cannot be read.
+pub(super) fn of_joined(
+    outcome: &mut FitOutcome,
+    store: Option<&SampledStore>,
+    map: &SbrdfMap,
+) -> Result<()> {
+    let Some(store) = store else {
+        of_texels(outcome, map);
+        return Ok(());
+    };
+    let isotropic = map.attributes.get("fit.isotropic").is_some_and(|text| text == "true");
+    outcome.warnings.extend(directions::unknown_poses(&store.unknown_poses));
+    outcome.warnings.extend(directions::shape(&directions::of_poses(&store.poses), isotropic));
+    of_texels(outcome, map);
+    of_poses(outcome, store, map)
+}
+
 /// Warns of texels with a residual that their noise does not explain.
 pub(super) fn of_texels(outcome: &mut FitOutcome, map: &SbrdfMap) {
     if let Some(flags) = texels::unexplained(map) {
@@ -48,7 +68,7 @@ pub(super) fn of_texels(outcome: &mut FitOutcome, map: &SbrdfMap) {
 ///
 /// # Errors
 /// When a chunk of the store cannot be read.
-pub(super) fn of_poses(outcome: &mut FitOutcome, store: &SampledStore, map: &SbrdfMap) -> Result<()> {
+fn of_poses(outcome: &mut FitOutcome, store: &SampledStore, map: &SbrdfMap) -> Result<()> {
     let residuals = residual::look(store, map)?;
     let rounded = |times: &Option<f64>| times.map(|times| (1e3 * times).round() / 1e3);
     let times: Vec<Option<f64>> = residuals.times.iter().map(rounded).collect();
