@@ -43,21 +43,25 @@ pub fn unexplained_warning(map: &SbrdfMap) -> Option<Warning> {
     Some(Warning { texels: Some(count), ..Warning::new(Kind::UnexplainedTexels, text) })
 }
 
-/// Warns of texels that have valid samples, but too few for the lobes that were asked for.
+/// Warns where many texels have valid samples, but too few for the lobes that were asked for or may be chosen.
 pub fn few_samples(map: &SbrdfMap, options: &FitOptions) -> Option<Warning> {
     let needed = unknowns(options.lobes, options);
     let flags: Vec<bool> =
         map.extra.get("samples")?.iter().map(|&count| count > 0.0 && count as usize <= needed).collect();
     let count = flags.iter().filter(|&&flag| flag).count();
-    if count == 0 {
+    if count as f64 <= MOST_TEXELS * flags.len() as f64 {
         return None;
     }
     let lobes = if options.lobes == 1 { "1 lobe".into() } else { format!("{} lobes", options.lobes) };
-    let text = format!(
-        "{count} of {} texels have no more valid samples than {lobes} have unknowns ({needed}) and got fewer lobes, {}; see the channel samples",
-        flags.len(),
-        place(map, &flags)
-    );
+    let what = if options.choose {
+        format!(
+            "have {needed} valid samples or fewer, too few to try {lobes}: --lobes auto chose among fewer there"
+        )
+    } else {
+        format!("have no more valid samples than {lobes} have unknowns ({needed}) and got fewer lobes")
+    };
+    let text =
+        format!("{count} of {} texels {what}, {}; see the channel samples", flags.len(), place(map, &flags));
     Some(Warning { texels: Some(count), ..Warning::new(Kind::FewPoses, text) })
 }
 
@@ -148,19 +152,29 @@ mod tests {
     }
 
     #[test]
-    fn texels_with_no_more_samples_than_unknowns_are_told_and_those_without_any_are_not() {
-        let options = FitOptions { lobes: 2, ..FitOptions::default() };
-        let with = |count: f32| {
+    fn many_texels_with_no_more_samples_than_unknowns_are_told_and_few_or_those_without_any_are_not() {
+        let two = FitOptions { lobes: 2, ..FitOptions::default() };
+        let with = |columns: usize, count: f32, options: &FitOptions| {
             let mut map = SbrdfMap::new(20, 20, 2);
-            let samples = (0..400).map(|index| if index == 399 { count } else { 80.0 }).collect();
-            map.extra.insert("samples".into(), samples);
-            few_samples(&map, &options)
+            let of = |index: usize| if index % 20 >= 20 - columns { count } else { 80.0 };
+            map.extra.insert("samples".into(), (0..400).map(of).collect());
+            few_samples(&map, options)
         };
-        assert_eq!((with(80.0), with(8.0), with(0.0)), (None, None, None));
-        let found = with(7.0).unwrap();
-        assert_eq!((found.kind, found.texels), (Kind::FewPoses, Some(1)));
+        for (columns, count) in [(4, 80.0), (4, 8.0), (4, 0.0), (2, 7.0)] {
+            assert_eq!(with(columns, count, &two), None, "{columns} {count}");
+        }
+        let found = with(4, 7.0, &two).unwrap();
+        assert_eq!((found.kind, found.texels), (Kind::FewPoses, Some(80)));
         assert!(
-            found.text.contains("2 lobes have unknowns (7)") && found.text.contains("columns 16 to 19"),
+            found.text.contains("2 lobes have unknowns (7) and got fewer lobes")
+                && found.text.contains("columns 16 to 19"),
+            "{}",
+            found.text
+        );
+        let auto = FitOptions { lobes: 4, choose: true, ..two };
+        let found = with(4, 13.0, &auto).unwrap();
+        assert!(
+            found.text.contains("have 13 valid samples or fewer, too few to try 4 lobes"),
             "{}",
             found.text
         );
