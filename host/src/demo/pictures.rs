@@ -31,7 +31,7 @@ pub fn render(
     let map = Arc::new(map.clone());
     let [cloth, ball] = TILING.map(|tiling| Material::map(map.clone(), tiling));
     let scene = showcase::showcase(cloth, ball, width, height);
-    // A few texels have a lobe of albedo far above 1 where no pose saw it: interreflection would make specks of them.
+    // Without interreflection, as `lights` draws it.
     let settings = reference::Settings { samples, seed, bounces: 1, ..Default::default() };
     let rendering = report.stage("render reference", || settings.render(&scene, &scene.camera))?;
     report.figure("reference_rays_per_second", rendering.cost.rays as f64 / rendering.cost.render_seconds);
