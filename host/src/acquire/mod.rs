@@ -223,6 +223,11 @@ impl Steps<'_> {
         self.station.client.configure(&self.run.rig.configuration()?)?;
         if !self.station.homed()? {
             self.station.client.home()?;
+            if let Some(why) = check::unchecked(&self.run.rig, &self.run.records, self.run.first_left())
+                && !self.station.is_simulated()
+            {
+                progress::note(&why);
+            }
         }
         match self.recorded(|record| matches!(record, Record::Homed { .. })) {
             Some(record) => {
