@@ -16,23 +16,42 @@ pub fn check(bytes: u128, what: &str, instead: &str) -> Result<()> {
     }
     let gib = |bytes: f64| bytes / f64::from(1 << 30);
     Err(Error::input(format!(
-        "{what} needs {:.3e} GiB of memory, this machine has {:.1}; {instead}",
+        "{what} needs {:.3e} GiB of memory, and this process may have {:.1}; {instead}",
         gib(bytes as f64),
         gib(most as f64)
     )))
 }
 
-/// Bytes that the machine has, as Linux tells them.
+/// Where Linux tells how much the group of processes may have, as in a container: of version 2 and 1.
+const LIMITS: [&str; 2] = ["/sys/fs/cgroup/memory.max", "/sys/fs/cgroup/memory/memory.limit_in_bytes"];
+
+/// Bytes that the machine has, or fewer where this process may have no more, as Linux tells them.
 fn of_machine() -> u64 {
-    let text = std::fs::read_to_string("/proc/meminfo").unwrap_or_default();
-    let line = text.lines().find_map(|line| line.strip_prefix("MemTotal:"));
+    let text = |path: &str| std::fs::read_to_string(path).unwrap_or_default();
+    least(&text("/proc/meminfo"), LIMITS.map(text))
+}
+
+/// The least of the memory in the text of meminfo and of the limits; what is no number, as `max`, is none.
+fn least(meminfo: &str, limits: [String; 2]) -> u64 {
+    let line = meminfo.lines().find_map(|line| line.strip_prefix("MemTotal:"));
     let kib = line.and_then(|line| line.trim().trim_end_matches("kB").trim().parse::<u64>().ok());
-    kib.map_or(UNTOLD, |kib| kib.saturating_mul(1024))
+    let total = kib.map_or(UNTOLD, |kib| kib.saturating_mul(1024));
+    limits.iter().filter_map(|limit| limit.trim().parse().ok()).fold(total, u64::min)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_container_s_limit_counts_where_it_is_below_the_machine_s_memory() {
+        let meminfo = "MemTotal:        4096 kB\nMemFree: 1 kB\n";
+        let of = |v2: &str, v1: &str| least(meminfo, [v2.to_owned(), v1.to_owned()]);
+        assert_eq!(of("", ""), 4096 * 1024);
+        assert_eq!(of("max\n", "9223372036854771712\n"), 4096 * 1024);
+        assert_eq!([of("1048576\n", ""), of("max", "2097152\n")], [1 << 20, 1 << 21]);
+        assert_eq!(least("", [String::new(), String::new()]), UNTOLD);
+    }
 
     #[test]
     fn what_no_machine_has_is_refused_and_what_any_has_is_not() {

@@ -1,17 +1,19 @@
 //! The machine-readable report that every command can write (`--report FILE.json`).
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use serde::Serialize;
 use serde_json::{Map, Value, json};
 
 use crate::acquire::sha256;
+use crate::acquire::station::interrupted;
 use crate::error::{Error, Result};
 use crate::files;
 use crate::fit::figures::ErrorFigure;
-use crate::provenance;
+use crate::sampled::SampledStore;
 use crate::warning::Warning;
+use crate::{progress, provenance};
 
 /// What a command did, with what, how long it took and how wrong it is.
 #[derive(Debug, Clone, Serialize)]
@@ -60,7 +62,7 @@ pub struct Machine {
 pub struct Input {
     /// As named by the user.
     pub path: String,
-    /// Hash of the file; of a folder, as which a report has it, that of its files' names and hashes.
+    /// Hash of the file; of a sampled SBRDF, that of its size and poses; of another folder, that of its files' names and hashes.
     pub sha256: Option<String>,
 }
 
@@ -101,9 +103,9 @@ impl Report {
         result
     }
 
-    /// Notes an input and, for a file, its hash.
+    /// Notes an input and, for a file, its hash. What can be read only once, as a pipe, has none.
     pub fn input(&mut self, path: &Path) {
-        let sha256 = std::fs::read(path).ok().map(|bytes| sha256(&bytes));
+        let sha256 = path.is_file().then(|| file_sha256(path)).flatten();
         self.inputs.push(Input { path: path.display().to_string(), sha256 });
     }
 
@@ -146,21 +148,44 @@ impl Report {
     }
 }
 
-/// Hash of the names and hashes of all files in a folder; none where one cannot be read.
+fn file_sha256(path: &Path) -> Option<String> {
+    std::fs::read(path).ok().map(|bytes| sha256(&bytes))
+}
+
+/// Hash of the size and poses of a sampled SBRDF, whose samples take as long to read as the work took; of another folder that of the
+/// names and hashes of all its files. None where one cannot be read, and after Ctrl-C.
 fn folder_sha256(folder: &Path) -> Option<String> {
-    let mut entries: Vec<_> = std::fs::read_dir(folder).ok()?.collect::<std::io::Result<_>>().ok()?;
-    entries.sort_by_key(std::fs::DirEntry::file_name);
+    if folder.join("zarr.json").is_file() {
+        return SampledStore::open(folder).ok().map(|store| store.geometry_sha256());
+    }
+    let mut files = Vec::new();
+    list(folder, &mut files).ok()?;
+    files.sort();
+    let bar = progress::bar("hashing", files.len() as u64, "files");
     let mut all = String::new();
-    for entry in entries {
-        let path = entry.path();
-        let hash = if path.is_dir() {
-            folder_sha256(&path)
-        } else {
-            std::fs::read(&path).ok().map(|bytes| sha256(&bytes))
-        };
-        all += &format!("{} {}\n", entry.file_name().to_string_lossy(), hash?);
+    for path in &files {
+        if interrupted() {
+            return None;
+        }
+        let name = path.strip_prefix(folder).unwrap_or(path).to_string_lossy();
+        all += &format!("{name} {}\n", file_sha256(path)?);
+        bar.advance(1);
     }
     Some(sha256(all.as_bytes()))
+}
+
+/// All files in a folder and those within. Links, which may lead out of it or round in circles, and pipes are left out.
+fn list(folder: &Path, files: &mut Vec<PathBuf>) -> std::io::Result<()> {
+    for entry in std::fs::read_dir(folder)? {
+        let path = entry?.path();
+        let kind = path.symlink_metadata()?;
+        if kind.is_dir() {
+            list(&path, files)?;
+        } else if kind.is_file() {
+            files.push(path);
+        }
+    }
+    Ok(())
 }
 
 /// The processor's name as Linux tells it, or the architecture.
@@ -203,13 +228,40 @@ mod tests {
             std::fs::remove_dir_all(folder.path().join("store")).unwrap();
             report.inputs[0].sha256.clone().unwrap()
         };
-        let hash = of("zarr.json", "{}");
-        assert!(hash.len() == 64 && hash == of("zarr.json", "{}"));
-        assert!(hash != of("zarr.json", "[]") && hash != of("other.json", "{}"));
+        let hash = of("a.json", "{}");
+        assert!(hash.len() == 64 && hash == of("a.json", "{}"));
+        assert!(hash != of("a.json", "[]") && hash != of("other.json", "{}"));
         let mut report = Report::new("fit", 1);
         report.input(&folder.path().join("gone"));
         report.finish();
         assert_eq!(report.inputs[0].sha256, None);
         assert!(report.date.starts_with("20") && report.date.ends_with('Z'), "{}", report.date);
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn a_folder_s_hash_follows_no_links() {
+        let folder = tempfile::tempdir().unwrap();
+        let store = folder.path().join("store");
+        files::write_bytes(&store.join("a/0"), b"chunk").unwrap();
+        let before = folder_sha256(&store).unwrap();
+        std::os::unix::fs::symlink(&store, store.join("a/round")).unwrap();
+        std::os::unix::fs::symlink(store.join("a/0"), store.join("b")).unwrap();
+        assert_eq!(folder_sha256(&store).unwrap(), before);
+    }
+
+    #[test]
+    fn a_sampled_sbrdf_s_hash_is_that_of_its_size_and_poses() {
+        use crate::sampled::{PoseGeometry, SampledSbrdf};
+        use glam::DVec3;
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("s.zarr");
+        let pose = PoseGeometry { light_mm: DVec3::Z, camera_mm: DVec3::Z, weight: 1.0 };
+        SampledSbrdf::empty(2, 1, 0.5, vec![pose]).write_zarr(&path).unwrap();
+        let mut report = Report::new("fit", 1);
+        report.input(&path);
+        report.finish();
+        let geometry = SampledStore::open(&path).unwrap().geometry_sha256();
+        assert_eq!(report.inputs[0].sha256, Some(geometry));
     }
 }

@@ -69,6 +69,19 @@ fn an_unknown_key_of_a_rig_or_a_plan_is_named_with_file_line_and_nearest_key() {
 }
 
 #[test]
+fn a_run_that_lasts_longer_than_the_lamp_may_burn_is_told_by_plan_and_refused_by_acquire() {
+    let (folder, mut rig) = inputs();
+    let path = folder.path();
+    rig.lamp.longest_s = rig.lamp.warm_up_s;
+    fs::write(path.join("rig.toml"), toml::to_string(&rig).unwrap()).unwrap();
+    let arguments = [&["acquire", "plan.toml", "--rig", "rig.toml", "-o", "run"], &SIMULATED[..]].concat();
+    refused(path, &arguments, 2, &["plan.toml: the lamp has to burn", "raise lamp.longest_s"]);
+    let said = run(path, &["plan", "rig.toml", "--budget", "4", "-o", "new.toml"]);
+    assert_eq!(said.code, Some(0), "{}", said.stderr);
+    assert!(said.stderr.contains("warning: the lamp has to burn"), "{}", said.stderr);
+}
+
+#[test]
 fn an_unknown_key_of_a_material_or_a_scene_is_named_with_file_line_and_nearest_key() {
     let (folder, _) = inputs();
     let path = folder.path();

@@ -207,6 +207,13 @@ fn renderings_of_the_true_map_are_the_photographs_and_those_of_another_map_are_n
         map.write_exr(&folder.path().join(name)).unwrap();
         succeed(folder.path(), &["compare", run, name, "-o", "pages", "--report", "compare.json"]);
         let report = report(&folder.path().join("compare.json"));
+        for (input, file) in ["journal.jsonl", "plan.toml", "rig.toml"].iter().enumerate() {
+            let input = &report["inputs"][input];
+            assert!(
+                input["path"].as_str().unwrap().ends_with(file) && input["sha256"].is_string(),
+                "{input}"
+            );
+        }
         ["relative_rms_radiance", "psnr", "mean_delta_e_2000"].map(|error| error_value(&report, error, &[]))
     };
     let [relative, psnr, delta_e] = compared("run", "true.exr", 0.12);

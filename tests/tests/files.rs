@@ -112,7 +112,8 @@ fn maps_stores_and_reports_say_what_made_them_and_the_same_inputs_give_the_same_
 
     let report: Value = serde_json::from_slice(&fs::read(path.join("r.json")).unwrap()).unwrap();
     assert!(report["date"].as_str().unwrap().ends_with('Z'), "{report}");
-    assert_eq!(report["inputs"][0]["sha256"].as_str().unwrap().len(), 64);
+    let hash = report["inputs"][0]["sha256"].as_str().unwrap();
+    assert_eq!(of("a.exr", "made.inputs"), format!("s.zarr sha256 {hash}"));
 
     // An edit says what made it, and keeps the notes of the edits before; a date is there where one is given.
     let mut command = lobelia(path, &["edit", "mean", "a.exr", "-o", "mean.exr"]);

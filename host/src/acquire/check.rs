@@ -6,6 +6,7 @@ use lobelia_protocol::Axis;
 use super::Steps;
 use super::journal::Record;
 use crate::error::{Error, Result};
+use crate::rig::config::RigConfig;
 
 /// The first pose that has to be photographed, by what the journal holds.
 pub(super) fn first_left(records: &[Record]) -> usize {
@@ -23,6 +24,21 @@ pub(super) fn checked(records: &[Record]) -> usize {
         _ => None,
     };
     records.iter().rev().find_map(good).unwrap_or(0)
+}
+
+/// Which of the poses before `first_left` no check has found good, of a rig whose controller has lost its positions: homing anew hides
+/// what was lost till then. Nothing where all were checked, or none ever is.
+pub(super) fn unchecked(rig: &RigConfig, records: &[Record], first_left: usize) -> Option<String> {
+    let from = checked(records);
+    if rig.motion.check_every_poses == 0 || from >= first_left {
+        return None;
+    }
+    let last = first_left - 1;
+    let range = if from == last { last.to_string() } else { format!("{from}-{last}") };
+    Some(format!(
+        "the controller had lost its positions and was homed anew, so poses {range} can't be checked for lost steps any more; where a motor \
+         may have slipped, leave them out by develop --skip-pose {range}"
+    ))
 }
 
 impl Steps<'_> {
@@ -76,5 +92,18 @@ mod tests {
         assert_eq!((first_left(&records), checked(&records)), (2, 2));
         records.extend([pose(2)]);
         assert_eq!((first_left(&records), checked(&records)), (3, 2));
+    }
+
+    #[test]
+    fn poses_that_no_check_has_found_good_are_named_when_positions_were_lost() {
+        let mut rig = RigConfig::default();
+        let good = |poses| Record::Checked { poses, lost_steps: [0; 4], controller_us: 0 };
+        let told = unchecked(&rig, &[good(2)], 5).unwrap();
+        assert!(told.contains("poses 2-4") && told.ends_with("--skip-pose 2-4"), "{told}");
+        assert!(unchecked(&rig, &[], 1).unwrap().ends_with("--skip-pose 0"));
+        assert_eq!(unchecked(&rig, &[good(5)], 5), None);
+        assert_eq!(unchecked(&rig, &[], 0), None);
+        rig.motion.check_every_poses = 0;
+        assert_eq!(unchecked(&rig, &[], 5), None);
     }
 }

@@ -135,6 +135,11 @@ impl RunFolder {
         Ok(Self { path: path.into(), plan, rig, records })
     }
 
+    /// The first pose that has to be photographed; the number of poses where none has.
+    pub fn first_left(&self) -> usize {
+        check::first_left(&self.records).min(self.plan.poses.len())
+    }
+
     /// Whether the run is complete.
     pub fn finished(&self) -> bool {
         matches!(self.records.last(), Some(Record::Finished { .. }))
@@ -218,6 +223,11 @@ impl Steps<'_> {
         self.station.client.configure(&self.run.rig.configuration()?)?;
         if !self.station.homed()? {
             self.station.client.home()?;
+            if let Some(why) = check::unchecked(&self.run.rig, &self.run.records, self.run.first_left())
+                && !self.station.is_simulated()
+            {
+                progress::note(&why);
+            }
         }
         match self.recorded(|record| matches!(record, Record::Homed { .. })) {
             Some(record) => {
@@ -303,7 +313,7 @@ impl Steps<'_> {
     }
 
     fn poses(&mut self) -> Result<()> {
-        let first = check::first_left(&self.run.records);
+        let first = self.run.first_left();
         if first > 0 {
             // From the last pose on, everything happens as if the run had never been broken off.
             self.station.client.move_to(self.run.rig.steps(self.run.plan.poses[first - 1].degrees()))?;

@@ -96,6 +96,15 @@ impl Station {
         Ok(self.client.status()?.known.iter().all(|&known| known))
     }
 
+    /// Whether rig and camera are simulated.
+    pub(super) fn is_simulated(&self) -> bool {
+        match &self.camera {
+            Camera::Watch(_) => false,
+            #[cfg(feature = "sim")]
+            Camera::Simulated(_) => true,
+        }
+    }
+
     /// The controller's clock, µs. A simulated rig is asked directly, so that asking takes no time.
     pub(super) fn clock_us(&mut self) -> Result<u64> {
         #[cfg(feature = "sim")]

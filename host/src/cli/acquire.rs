@@ -11,12 +11,12 @@ use crate::acquire::station::{self, Camera, Station, WatchedFolder};
 use crate::acquire::{self, RunFolder};
 use crate::error::{Error, Result};
 use crate::files;
-use crate::plan::Plan;
+use crate::plan::{Plan, lamp};
 use crate::rig::config::RigConfig;
 use crate::rig::trace::Recorder;
 use crate::rig::{RigClient, open_port};
-use crate::warning::directions;
 use crate::warning::samples::{self, Step};
+use crate::warning::{Kind, Warning, directions};
 
 /// Arguments of `lobelia acquire`.
 #[derive(Debug, Args)]
@@ -60,6 +60,9 @@ pub(super) fn run(args: &AcquireArgs, context: &mut Context) -> Result<()> {
             context.note(format!("{}: the run is complete already", args.output.display()));
             return Ok(());
         }
+        context.run_input(&args.output);
+        let too_long = lamp::too_long(&run.rig, &run.plan.poses[run.first_left()..]);
+        context.warn(too_long.map(|why| Warning::new(Kind::LampTime, format!("{why}; {}", lamp::GO_ON))));
         let material = run_material(args)?;
         let station = connect(args, material.as_deref(), &run.rig)?;
         (run, journal, station)
@@ -98,6 +101,9 @@ fn read_inputs(args: &AcquireArgs, context: &mut Context) -> Result<(Plan, RigCo
         rig.simulator.seed = seed;
     }
     let plan = Plan::read(plan_path, &rig)?;
+    if let Some(why) = lamp::too_long(&rig, &plan.poses) {
+        return Err(Error::input(format!("{}: {why}; {}", plan_path.display(), lamp::PLAN_LESS)));
+    }
     context.report.input(rig_path);
     context.report.input(plan_path);
     args.material.iter().for_each(|path| context.report.input(path));

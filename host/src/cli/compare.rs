@@ -5,7 +5,6 @@ use std::path::PathBuf;
 use clap::Args;
 
 use super::Context;
-use crate::acquire::journal;
 use crate::by_angle::Side;
 use crate::compare::{self, Comparison};
 use crate::error::{Error, Result};
@@ -46,8 +45,8 @@ pub(super) fn run(args: &CompareArgs, context: &mut Context) -> Result<()> {
         )));
     }
     files::try_folder(&args.output)?;
-    context.report.input(&args.run.join(journal::FILE_NAME));
-    args.measured_in.iter().for_each(|run| context.report.input(&run.join(journal::FILE_NAME)));
+    context.run_input(&args.run);
+    args.measured_in.iter().for_each(|run| context.run_input(run));
     context.report.input(&args.material);
     let map = SbrdfMap::read_exr(&args.material).map_err(|error| Error::reading(&args.material, error))?;
     let measured_in = args.measured_in.as_deref();

@@ -6,7 +6,7 @@ use std::str::FromStr;
 use clap::Args;
 
 use super::Context;
-use crate::acquire::{PLAN_FILE, RIG_FILE, RunFolder, journal};
+use crate::acquire::{PLAN_FILE, RIG_FILE, RunFolder};
 use crate::develop::{self, Developed, Options};
 use crate::error::{Error, Result};
 use crate::files;
@@ -100,7 +100,7 @@ impl DevelopArgs {
 /// Runs `lobelia develop`.
 pub(super) fn run(args: &DevelopArgs, context: &mut Context) -> Result<()> {
     SampledSbrdf::may_write_zarr(&args.output)?;
-    context.report.input(&args.run.join(journal::FILE_NAME));
+    context.run_input(&args.run);
     args.rig.iter().for_each(|path| context.report.input(path));
     let (options, mut attributes) = args.options()?;
     let developed = context.report.stage("develop", || develop::run_with(&args.run, &options))?;

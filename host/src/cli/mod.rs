@@ -1,11 +1,12 @@
 //! The `lobelia` command: one file a subcommand, thin over the library.
 
 use std::any::TypeId;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use clap::{ArgMatches, Args, CommandFactory, FromArgMatches, Parser, Subcommand};
 
+use crate::acquire::{PLAN_FILE, RIG_FILE, journal};
 use crate::error::{Error, Result};
 use crate::report::Report;
 use crate::warning::Warning;
@@ -150,6 +151,11 @@ impl Context {
             self.note(format!("warning: {}", warning.text));
             self.report.warnings.push(warning);
         }
+    }
+
+    /// Notes a run as an input: its journal, plan and rig.
+    fn run_input(&mut self, run: &Path) {
+        [journal::FILE_NAME, PLAN_FILE, RIG_FILE].iter().for_each(|name| self.report.input(&run.join(name)));
     }
 
     /// A note that only `--verbose` shows.

@@ -7,10 +7,10 @@ use clap::Args;
 use super::Context;
 use crate::error::Result;
 use crate::files;
-use crate::plan::{self, Extent, Plan, order};
+use crate::plan::{self, Extent, Plan, lamp, order};
 use crate::rig::config::RigConfig;
 use crate::warning::samples::{self, Step};
-use crate::warning::{directions, predicted};
+use crate::warning::{Kind, Warning, directions, predicted};
 
 /// Arguments of `lobelia plan`.
 #[derive(Debug, Args)]
@@ -71,7 +71,7 @@ pub(super) fn run(args: &PlanArgs, context: &mut Context) -> Result<()> {
         args.output.display(),
         plan.poses.len(),
         plan.spacing_deg,
-        duration(travel_s)
+        lamp::duration(travel_s)
     );
     warn(&rig, &plan, context);
     Ok(())
@@ -83,9 +83,7 @@ fn warn(rig: &RigConfig, plan: &Plan, context: &mut Context) {
     context.report.figure(samples::BY_POSE, samples::by_pose(&counts));
     context.warn(samples::warnings(Step::Plan, &counts));
     context.warn(directions::of_plan(rig, plan));
-}
-
-/// A duration in the unit that suits it.
-fn duration(seconds: f64) -> String {
-    if seconds < 120.0 { format!("{seconds:.0} s") } else { format!("{:.0} min", seconds / 60.0) }
+    context.report.figure("lamp_s", lamp::burning_s(rig, &plan.poses));
+    let too_long = lamp::too_long(rig, &plan.poses);
+    context.warn(too_long.map(|why| Warning::new(Kind::LampTime, format!("{why}; {}", lamp::PLAN_LESS))));
 }

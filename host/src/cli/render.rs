@@ -315,7 +315,8 @@ fn render_scene(args: &RenderArgs, seed: u64) -> Result<RenderOutcome> {
             rendering.picture.write(path, scene.exposure)?;
         }
         if let Some(path) = &args.variance {
-            write_variance(&rendering, path)?;
+            let seconds = args.seconds.filter(|_| chosen.method == Method::Reference);
+            write_variance(&rendering, path, seconds)?;
         }
         write_seconds += writing.elapsed().as_secs_f64();
         outcome = Some(rendering);
@@ -366,11 +367,17 @@ fn views(scene: &Scene, args: &RenderArgs) -> Result<Vec<(Camera, Vec<PathBuf>)>
     Ok((0..animation.frames).map(frame).collect())
 }
 
-/// Writes the variance of every pixel's mean.
-fn write_variance(rendering: &Rendering, path: &Path) -> Result<()> {
+/// Writes the variance of every pixel's mean; `seconds` is what the reference was given.
+fn write_variance(rendering: &Rendering, path: &Path, seconds: Option<f64>) -> Result<()> {
     let variance = rendering.variance.as_ref().ok_or_else(|| {
         let place = path.display();
-        Error::input(format!("{place}: there is no variance: use --method reference and 4 samples or more"))
+        let why = match seconds {
+            Some(seconds) => {
+                format!("--seconds {seconds} and the samples gave one pass, and it takes two; give more")
+            }
+            None => "use --method reference and 4 samples or more".to_owned(),
+        };
+        Error::input(format!("{place}: there is no variance: {why}"))
     })?;
     let Picture { width, height, .. } = rendering.picture;
     let pixels = variance.iter().map(|v| v.extend(1.0)).collect();
@@ -450,6 +457,16 @@ mod tests {
         assert!(render_scene(&args, 1).unwrap().errors.unwrap().rmse > 0.0);
         let variance = Picture::read_exr(&folder.path().join("v.exr")).unwrap();
         assert!(variance.pixels.iter().any(|v| v.x > 0.0));
+    }
+
+    #[test]
+    fn a_variance_that_the_time_was_too_short_for_is_refused_with_the_reason() {
+        let folder = tempfile::tempdir().unwrap();
+        let mut args = args(folder.path(), Method::Reference, &["a.exr"]);
+        args.variance = Some(folder.path().join("v.exr"));
+        args.seconds = Some(1e-9);
+        let error = render_scene(&args, 1).unwrap_err();
+        assert!(error.exit_code() == 2 && error.to_string().contains("--seconds 0.000000001"), "{error}");
     }
 
     #[test]

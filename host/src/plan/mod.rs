@@ -13,6 +13,7 @@ pub mod choose;
 pub mod density;
 pub mod distance;
 pub mod exposure;
+pub mod lamp;
 pub mod order;
 
 /// A plan: what `plan.toml` holds.

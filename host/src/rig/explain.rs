@@ -112,7 +112,7 @@ fn fault(fault: Fault, axis: Option<Axis>) -> String {
         }
         Fault::StepsLost => {
             format!(
-                "{of} has lost steps, as its home switch shows: look for what blocks it, and measure again from the last check on"
+                "{of} has lost steps since the last check, as its home switch shows: look for what blocks it"
             )
         }
         Fault::Stall => format!("the motor of {of} stalled: look for what blocks it"),
@@ -131,8 +131,8 @@ fn fault(fault: Fault, axis: Option<Axis>) -> String {
              small"
         ),
         Fault::DriverLost => format!(
-            "the motor driver of {of} has lost its settings or no longer answers: check its supply and the wire to it, and measure again \
-             from the last check on"
+            "the motor driver of {of} has lost its settings or no longer answers: check its supply and the wire to it, then `lobelia rig clear`; \
+             acquire --resume homes anew and says which poses were not checked for lost steps"
         ),
         Fault::LampTimeout => {
             "the lamp has burnt for longest_s of the rig's file and was put out; positions are kept".to_owned()

@@ -413,7 +413,10 @@ fn clipped_shares(value: &serde_json::Value, poses: usize) -> std::result::Resul
     shares
         .filter(|shares| shares.len() == poses && shares.iter().all(|share| (0.0..=1.0).contains(share)))
         .ok_or_else(|| {
-            format!("its attribute {CLIPPED_KEY} is not a share of 0 to 1 for each of {poses} poses")
+            format!(
+                "its attribute {CLIPPED_KEY} is not a share of 0 to 1 for each of {poses} poses; correct it, or delete it, as where poses \
+                 were taken out"
+            )
         })
 }
 
@@ -606,7 +609,9 @@ mod tests {
         assert_eq!(write(shares.to_vec().into()).unwrap(), Some(shares.to_vec()));
         for wrong in [vec![0.0; 4], vec![2.0; 5]] {
             let error = write(wrong.into()).unwrap_err();
-            assert!(error.exit_code() == 2 && error.to_string().contains(CLIPPED_KEY), "{error}");
+            let text = error.to_string();
+            assert!(text.contains(CLIPPED_KEY) && text.contains("delete it"), "{text}");
+            assert_eq!(error.exit_code(), 2);
         }
         example().write_zarr(&path).unwrap();
         assert_eq!(SampledStore::open(&path).unwrap().clipped, None);

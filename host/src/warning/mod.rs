@@ -26,6 +26,8 @@ pub enum Kind {
     Missing,
     /// Poses of which it is not known where light or camera stood.
     UnknownPose,
+    /// A run that lasts longer than the lamp may burn.
+    LampTime,
     /// Fewer poses than unknowns.
     FewPoses,
     /// Directions that do not determine the shape of a lobe.
