@@ -55,3 +55,9 @@ pub fn copy(from: &Path, to: &Path) {
         }
     }
 }
+
+/// A run's journal up to where its last pose was photographed.
+pub fn before_last_pose(journal: &str) -> &str {
+    let pose = journal.rfind("{\"record\":\"pose\"").expect("a journal of at least one pose");
+    &journal[..pose]
+}

@@ -194,8 +194,7 @@ fn an_unfinished_or_damaged_run_is_not_developed() {
     let journal = folder.path().join("run/journal.jsonl");
     let text = fs::read_to_string(&journal).unwrap();
     let lines: Vec<&str> = text.split_inclusive('\n').collect();
-    let last_pose = lines.iter().rposition(|line| line.contains("\"record\":\"pose\"")).unwrap();
-    fs::write(&journal, lines[..last_pose].concat()).unwrap();
+    fs::write(&journal, folder::before_last_pose(&text)).unwrap();
     let develop = ["develop", "run", "-o", "sampled.zarr"];
     refused(folder.path(), &develop, 2, &["1 of 2 poses", "--resume"]);
     let damaged = [lines[0], "{\"record\":\"homed\"\n", lines[2]].concat();

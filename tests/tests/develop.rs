@@ -10,7 +10,7 @@ use lobelia::develop::{self, frame};
 use lobelia::rig::config::RigConfig;
 use lobelia::sampled::SampledSbrdf;
 use lobelia_tests::command::{run, succeed};
-use lobelia_tests::small;
+use lobelia_tests::{folder, small};
 
 /// A finished run of `poses` poses, all with the same exposures, so that nothing but the photographs tells them apart.
 fn measured(poses: usize) -> tempfile::TempDir {
@@ -186,8 +186,7 @@ fn what_is_there_of_a_run_is_developed_and_what_is_not_is_named() {
     };
     let journal = path.join("run/journal.jsonl");
     let text = fs::read_to_string(&journal).unwrap();
-    let lines: Vec<&str> = text.split_inclusive('\n').collect();
-    fs::write(&journal, lines[..lines.len() - 2].concat()).unwrap();
+    fs::write(&journal, folder::before_last_pose(&text)).unwrap();
     fs::write(photograph(path, 1, 1), b"damaged").unwrap();
     let develop = ["develop", "run", "-o", "part.zarr"];
     run(path, &develop).refuses(2, &["1 of 6 poses", "--partial"]);
