@@ -93,7 +93,7 @@ pub fn set_up() -> Option<Peripherals<Lm3s6965>> {
 }
 
 /// Half of what it can make with nothing else to do, over all axes.
-const MOST_STEPS_PER_S: u32 = 40_000;
+const MOST_STEPS_PER_S: u32 = 30_000;
 
 /// What the board has besides: the emergency stop's interrupt, the watchdog, memory for parameters, and the record of the last
 /// crash. To be called once.
