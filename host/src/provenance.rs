@@ -58,9 +58,7 @@ fn command(arguments: &[String]) -> String {
             if name == argument {
                 rest.next();
             }
-        } else if !WITHOUT_VALUE.contains(&name)
-            && !(argument.starts_with("-o") && !argument.starts_with("--"))
-        {
+        } else if !WITHOUT_VALUE.contains(&name) && !argument.starts_with("-o") {
             words.push(without_folder(argument));
         }
     }

@@ -404,7 +404,7 @@ mod tests {
             );
             std::fs::write(array.join("zarr.json"), text).unwrap();
             let read = ZarrArray::<1>::open(folder.path(), "a")
-                .and_then(|array| array.read(&[0..1_000_000_000], |value| value));
+                .and_then(|array| array.read(std::array::from_ref(&(0..1_000_000_000)), |value| value));
             let error = read.unwrap_err();
             assert!(error.contains(refused), "{error}");
         }

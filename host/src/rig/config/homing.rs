@@ -126,7 +126,8 @@ mod tests {
             config.validate().map_err(|error| error.to_string())
         };
         assert_eq!(refused(|_| {}), Ok(()));
-        let keys: [(fn(&mut Homing), &str); 4] = [
+        type Change = fn(&mut Homing);
+        let keys: [(Change, &str); 4] = [
             (|homing| homing.end = End::Upper, "axes.tilt.home_deg"),
             (|homing| homing.slow_speed_deg_s = Some(61.0), "axes.tilt.homing.slow_speed_deg_s"),
             (|homing| homing.back_off_deg = 0.0, "axes.tilt.homing.back_off_deg"),
