@@ -28,6 +28,7 @@ use crate::report::Report;
 use crate::sampled::SampledStore;
 use crate::warning::Warning;
 use crate::warning::samples::Tally;
+use crate::warning::texels::unexplained_in_words;
 
 /// Directional albedo from which on a texel counts as making light: the error of a measurement's scale and of sums is below.
 const MAKES_LIGHT: f32 = 1.02;
@@ -452,6 +453,7 @@ fn fit_sampled(args: &FitArgs, input: &Path, seed: u64) -> Result<FitOutcome> {
             + &albedos_in_words(&map)
             + &mirrors_in_words(&map)
             + &ties_in_words(&map)
+            + &unexplained_in_words(&map)
     ))?;
     Ok(outcome)
 }

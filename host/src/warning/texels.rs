@@ -13,7 +13,10 @@ pub const OVER_NOISE: &str = "error.over_noise";
 /// lamp and geometry, of which σ knows nothing, explain it.
 const TIMES: f32 = 3.0;
 const SHARE: f32 = 0.1;
-/// More than this share of the texels is told; edges of a pattern, where light of two materials mixes, stay below.
+/// From this share of the texels on that is a warning. Below, it may be edges of a pattern, where light of two materials mixes: on the small samples of
+/// the simulated rig a fifth to two fifths of the texels.
+const MOST_UNEXPLAINED: f64 = 0.5;
+/// More than this share of the texels with too few samples is told.
 const MOST_TEXELS: f64 = 0.1;
 
 /// Edge of the blocks by which a place in the image is told.
@@ -25,22 +28,41 @@ pub fn unexplained(map: &SbrdfMap) -> Option<Vec<bool>> {
     Some(over_noise.iter().zip(relative).map(|(&times, &share)| times > TIMES && share > SHARE).collect())
 }
 
-/// Warns where noise does not explain the residual of many texels.
-pub fn unexplained_warning(map: &SbrdfMap) -> Option<Warning> {
+/// How many texels noise does not explain, their share and where most of them are; none where there is no such texel.
+fn unexplained_texels(map: &SbrdfMap) -> Option<(usize, f64, String)> {
     let flags = unexplained(map)?;
     let count = flags.iter().filter(|&&flag| flag).count();
     let share = count as f64 / flags.len().max(1) as f64;
-    if share <= MOST_TEXELS {
-        return None;
-    }
+    (count > 0).then(|| {
+        let text = format!(
+            "{count} of {} texels ({}) have a residual that their noise does not explain, {}",
+            flags.len(),
+            percent(share),
+            place(map, &flags)
+        );
+        (count, share, text)
+    })
+}
+
+/// Warns where noise does not explain the residual of most texels.
+pub fn unexplained_warning(map: &SbrdfMap) -> Option<Warning> {
+    let (count, _, text) = unexplained_texels(map).filter(|(_, share, _)| *share >= MOST_UNEXPLAINED)?;
     let text = format!(
-        "{count} of {} texels ({}) have a residual that their noise does not explain, {}: photographs that do not fit together, or a material \
-         that is no sum of so few lobes; see the channel {OVER_NOISE}",
-        flags.len(),
-        percent(share),
-        place(map, &flags)
+        "{text}: photographs that do not fit together, or a material that is no sum of so few lobes; see the channel {OVER_NOISE}"
     );
     Some(Warning { texels: Some(count), ..Warning::new(Kind::UnexplainedTexels, text) })
+}
+
+/// A line about the texels that noise does not explain, where they are too few for a warning; empty where there is none.
+pub fn unexplained_in_words(map: &SbrdfMap) -> String {
+    match unexplained_texels(map) {
+        Some((_, share, text)) if share < MOST_UNEXPLAINED => {
+            format!(
+                "not explained: {text}; edges between materials, or too few lobes; see the channel {OVER_NOISE}\n"
+            )
+        }
+        _ => String::new(),
+    }
 }
 
 /// Warns where many texels have valid samples, but too few for the lobes that were asked for or may be chosen.
@@ -119,16 +141,20 @@ mod tests {
 
     #[test]
     fn many_texels_above_their_noise_are_told_with_number_and_place_and_few_are_not() {
-        let found = unexplained_warning(&map(12, 8.0, 0.3)).unwrap();
-        assert_eq!((found.kind, found.texels), (Kind::UnexplainedTexels, Some(240)));
+        let found = unexplained_warning(&map(24, 8.0, 0.3)).unwrap();
+        assert_eq!((found.kind, found.texels), (Kind::UnexplainedTexels, Some(480)));
+        assert_eq!(unexplained_in_words(&map(24, 8.0, 0.3)), "");
         assert!(
-            found.text.contains("240 of 800") && found.text.contains("columns 0 to 15, rows 0 to 15"),
+            found.text.contains("480 of 800") && found.text.contains("columns 0 to 15, rows 0 to 15"),
             "{}",
             found.text
         );
-        for quiet in [map(2, 8.0, 0.3), map(12, 2.0, 0.3), map(12, 8.0, 0.05), SbrdfMap::new(40, 20, 1)] {
+        for quiet in [map(12, 8.0, 0.3), map(24, 2.0, 0.3), map(24, 8.0, 0.05), SbrdfMap::new(40, 20, 1)] {
             assert_eq!(unexplained_warning(&quiet), None);
         }
+        let words = unexplained_in_words(&map(12, 8.0, 0.3));
+        assert!(words.starts_with("not explained: 240 of 800 texels"), "{words}");
+        assert_eq!(unexplained_in_words(&map(24, 2.0, 0.3)), "");
     }
 
     #[test]

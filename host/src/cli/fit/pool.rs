@@ -5,7 +5,7 @@ use std::time::Instant;
 
 use super::{
     DeviceName, FitArgs, FitOutcome, Tally, albedos_in_words, held_out, output, print, sampled_outcome,
-    ties_in_words, warnings, write_map,
+    ties_in_words, unexplained_in_words, warnings, write_map,
 };
 use crate::edit::palette;
 use crate::error::Result;
@@ -67,7 +67,11 @@ pub(super) fn fit(
         if pooled.regions.len() == 1 { "region" } else { "regions" },
         pooling.rho_d.name(),
         regions_in_words(&pooled.regions),
-        outcome.residuals() + &held_out + &albedos_in_words(&pooled.map) + &ties_in_words(&pooled.map)
+        outcome.residuals()
+            + &held_out
+            + &albedos_in_words(&pooled.map)
+            + &ties_in_words(&pooled.map)
+            + &unexplained_in_words(&pooled.map)
     ))?;
     Ok(outcome)
 }
