@@ -167,9 +167,12 @@ fn spoilt_poses_of_a_measured_store_are_named_and_one_without_a_place_is_left_ou
     }
     nearer.write_zarr(&sampled).unwrap();
     let (kinds, lines, report) = warned(path, &FIT);
-    assert_eq!(kinds, ["outstanding_pose"], "{lines:?}");
-    assert!(lines[0].contains("pose 9 (") && lines[0].contains("brighter than the fit"), "{lines:?}");
-    assert_eq!(report["warnings"][0]["poses"], serde_json::json!([9]));
+    // Its samples may also be more than noise explains in many texels.
+    let place =
+        kinds.iter().position(|kind| kind == "outstanding_pose").unwrap_or_else(|| panic!("{lines:?}"));
+    assert!(kinds.iter().all(|kind| ["outstanding_pose", "unexplained_texels"].contains(&kind.as_str())));
+    assert!(lines[place].contains("pose 9 (") && lines[place].contains("brighter than the fit"), "{lines:?}");
+    assert_eq!(report["warnings"][place]["poses"], serde_json::json!([9]));
 
     // Without a place the pose is left out, and the fit is as good as that of the others.
     let mut without = clean.clone();
