@@ -100,6 +100,9 @@ pub struct Peripherals<B: Board> {
     pub link: B::Link,
 }
 
+/// How late a step may be, however soon after the last one it was due, unless a board says otherwise.
+pub const BEARABLE_LATE_US: u32 = 100;
+
 /// What a board may have besides.
 pub struct Options<B: Board> {
     /// Of each axis: high while its driver sees a stall.
@@ -126,6 +129,9 @@ pub struct Options<B: Board> {
     /// Steps a second that the board makes in time, all axes together; parameters that ask for more are refused. Nothing where steps
     /// cost no time.
     pub most_steps_per_s: Option<u32>,
+    /// A step that is later than this and than half its interval is a fault ([`Fault::StepsLate`](lobelia_protocol::Fault)), at most a second. An
+    /// emulator's time is no measure of the program's, so there it may be long.
+    pub bearable_late_us: u32,
 }
 
 /// A timer that resets the board unless it is fed in time.
@@ -148,6 +154,7 @@ impl<B: Board> Default for Options<B> {
             fan: None,
             heartbeat: None,
             most_steps_per_s: None,
+            bearable_late_us: BEARABLE_LATE_US,
         }
     }
 }

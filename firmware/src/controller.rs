@@ -134,6 +134,7 @@ impl<B: Board> Controller<B> {
             (AxisDrive::new(number.next().unwrap_or(0), direction, enable), home)
         });
         let mut pulses = Pulses::new(steps, [pan.1, tilt.1, roll.1, light.1]);
+        pulses.trains.set_bearable(options.bearable_late_us.min(1_000_000));
         if let Some(Configuration { settings, .. }) = &configuration {
             pulses.trains.set_timing(settings.pulse_us, settings.direction_setup_us);
         }

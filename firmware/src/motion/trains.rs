@@ -8,11 +8,10 @@
 use heapless::Deque;
 use lobelia_protocol::AXES;
 
+use crate::board::BEARABLE_LATE_US;
 use crate::motion::burst::Burst;
 use crate::motion::fixed::TICK_SHIFT;
 
-/// A step may be this late, in ticks, however soon after the last one it was due: 100 µs.
-const BEARABLE: u32 = 100 << TICK_SHIFT;
 /// Longest that a pin stays high when no other axis is served meanwhile, in ticks.
 const LONG_PULSE: i32 = 16 << TICK_SHIFT;
 /// An axis without steps is looked at again after so many ticks, 4 s: half of what a difference of times holds.
@@ -81,11 +80,23 @@ struct Train {
     made: u32,
 }
 
+/// How late a step may be, in ticks.
+#[derive(Debug, Clone, Copy)]
+struct Bearable(u32);
+
+impl Default for Bearable {
+    fn default() -> Self {
+        Self(BEARABLE_LATE_US << TICK_SHIFT)
+    }
+}
+
 /// All axes' steps.
 #[derive(Debug, Default)]
 pub(crate) struct Trains {
     trains: [Train; AXES],
     timing: Timing,
+    /// How late a step may be, however soon after the last one it was due, in ticks.
+    bearable: Bearable,
     /// Axes whose direction was set, until that time has been looked at; axes whose run has made no step yet; axes with a step that
     /// came too late.
     turned: u8,
@@ -268,7 +279,7 @@ impl Trains {
     fn late_step(&mut self, axis: usize, late: u32) {
         let train = &mut self.trains[axis];
         let interval = train.due().wrapping_sub(train.made);
-        if late > (interval / 2).max(BEARABLE) && self.unstarted & 1 << axis == 0 {
+        if late > (interval / 2).max(self.bearable.0) && self.unstarted & 1 << axis == 0 {
             self.overdue |= 1 << axis;
         }
         train.delay(late);
@@ -323,6 +334,11 @@ impl Trains {
     pub(crate) fn set_timing(&mut self, pulse_us: u8, direction_setup_us: u8) {
         self.timing =
             Timing { hold_us: u32::from(pulse_us) + 1, setup_us: u32::from(direction_setup_us) + 1 };
+    }
+
+    /// Sets how late a step may be, in µs, however soon after the last one it was due; later ones are overdue.
+    pub(crate) fn set_bearable(&mut self, late_us: u32) {
+        self.bearable = Bearable(late_us << TICK_SHIFT);
     }
 
     /// Makes an axis ready for a run from rest, whose direction pin has just been set.

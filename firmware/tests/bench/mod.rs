@@ -267,6 +267,7 @@ impl Rig {
             fan: Some(pin(Role::Fan)),
             heartbeat: Some(pin(Role::Heartbeat)),
             most_steps_per_s: Some(30_000),
+            bearable_late_us: lobelia_firmware::board::BEARABLE_LATE_US,
             crash: Some(CrashRecord { cause: CrashCause::HardFault, place: 0x0800_1234 }),
         };
         let controller = Controller::with_options(peripherals, options);

@@ -172,6 +172,8 @@ pub fn set_up() -> Option<(Peripherals<Stm32f405>, Options<Stm32f405>)> {
         emergency_stop: Some(&pins::EMERGENCY_STOP),
         crash: kept::take_crash().or(reset),
         most_steps_per_s: Some(MOST_STEPS_PER_S),
+        #[cfg(feature = "qemu")]
+        bearable_late_us: 1_000_000,
         #[cfg(not(feature = "qemu"))]
         drivers: cortex_m::singleton!(: drivers::DriverWire = wire).map(|wire| wire as _),
         #[cfg(not(feature = "qemu"))]
