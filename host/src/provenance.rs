@@ -78,7 +78,7 @@ fn file_name(path: &str) -> String {
     name.unwrap_or_else(|| path.to_string())
 }
 
-/// The date and time now, as [`date`] writes it.
+/// The date and time now, as `date` writes it.
 pub fn now() -> String {
     date(SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |since| since.as_secs()))
 }

@@ -110,7 +110,7 @@ impl Fits {
         self.others.iter().chain(std::iter::once(&self.result))
     }
 
-    /// The compared fits with what tables call them, in the order of [`COMPARED`]; last the result, where none of them is fitted like it.
+    /// The compared fits with what tables call them, in the order of `COMPARED`; last the result, where none of them is fitted like it.
     pub fn compared(&self) -> Vec<(String, &FitOutcome)> {
         let found = |compared: &Compared| {
             let fit = self.all().find(|fit| is_like(&fit.options, compared))?;

@@ -4,7 +4,7 @@
 //! directions of its material. The lobes are the region's; ρ_d is the region's as well, or each texel's own ([`RhoD`]). The fit is the separable one over
 //! all samples at once, of texels chosen at random where there are too many.
 //!
-//! [`regions`] reads which texel is of which region, [`choose`] which of them are fitted, [`region`] fits one region, [`texels`] gives every texel its coefficients and errors.
+//! [`regions`] reads which texel is of which region, `choose` which of them are fitted, `region` fits one region, `texels` gives every texel its coefficients and errors.
 
 mod choose;
 mod region;
