@@ -158,7 +158,8 @@ fn check(name: &str, sampled: &SampledSbrdf, options: &FitOptions, step: usize, 
 fn on_the_small_demo_fits_reach_the_best_of_64_random_starts_and_are_never_above_nested_fits() {
     let sampled = photographed(Size::Small, 120, None);
     // About 90 texels; two standard errors below what the long sweep asks for.
-    for (lobes, isotropic, least) in [(1, true, 0.97), (2, true, 0.935), (2, false, 0.935), (3, true, 0.935)] {
+    for (lobes, isotropic, least) in [(1, true, 0.97), (2, true, 0.935), (2, false, 0.935), (3, true, 0.935)]
+    {
         check("demo", &sampled, &fixed(lobes, isotropic), 23, least);
     }
     let sigma = FitOptions { weights: Weights::Sigma, residual: Residual::Linear, ..fixed(2, false) };
