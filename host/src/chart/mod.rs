@@ -11,6 +11,7 @@ use crate::error::{Error, Result};
 use crate::files;
 use crate::page::{self, html};
 
+#[cfg(feature = "sim")]
 pub(crate) mod compared;
 mod device;
 pub mod environment;
