@@ -8,6 +8,7 @@ use super::Context;
 use crate::error::Result;
 use crate::files;
 use crate::plan::{self, Extent, Plan, lamp, order};
+use crate::progress::duration;
 use crate::rig::config::RigConfig;
 use crate::warning::samples::{self, Step};
 use crate::warning::{Kind, Warning, directions, predicted};
@@ -71,7 +72,7 @@ pub(super) fn run(args: &PlanArgs, context: &mut Context) -> Result<()> {
         args.output.display(),
         plan.poses.len(),
         plan.spacing_deg,
-        lamp::duration(travel_s)
+        duration(travel_s)
     );
     warn(&rig, &plan, context);
     Ok(())

@@ -1,6 +1,7 @@
 //! How long the lamp burns for a plan, against the time after which the controller puts it out.
 
 use super::{PlannedPose, order};
+use crate::progress::duration;
 use crate::rig::config::RigConfig;
 use crate::rig::geometry::MotorAngles;
 
@@ -36,15 +37,6 @@ pub const PLAN_LESS: &str = "raise lamp.longest_s in the rig's file, or plan few
 /// What to do about it in a run that has begun, whose rig may not be changed.
 pub const GO_ON: &str =
     "when it is out, go on with `lobelia rig clear` and acquire --resume, which warms it up again";
-
-/// A duration in the unit that suits it.
-pub fn duration(seconds: f64) -> String {
-    match seconds {
-        s if s < 120.0 => format!("{s:.0} s"),
-        s if s < 7200.0 => format!("{:.0} min", s / 60.0),
-        s => format!("{:.1} h", s / 3600.0),
-    }
-}
 
 #[cfg(test)]
 mod tests {

@@ -41,8 +41,7 @@ impl Scores {
         model: &Model,
         at: &Amplitudes,
     ) -> f64 {
-        self.list(solver, task, model, at);
-        self.score(solver, bank);
+        self.of_bank(solver, bank, task, model, at);
         let best = self.scores.iter().copied().fold(0.0, f32::max);
         let ridge = self.best_of_ridge(solver, 1).first().map_or(0.0, |best| best.0);
         f64::from(best.max(ridge))
@@ -58,14 +57,19 @@ impl Scores {
         model: &Model,
         at: &Amplitudes,
     ) -> Vec<(f32, f64, usize)> {
-        self.list(solver, task, model, at);
-        self.score(solver, bank);
+        self.of_bank(solver, bank, task, model, at);
         let maxima = (0..self.scores.len()).filter(|&i| self.is_maximum(bank, i));
         let mut starts: Vec<(f32, f64, usize)> =
             maxima.map(|i| (self.scores[i], bank.angles[i / EXPONENTS], i % EXPONENTS)).collect();
         starts.extend(self.best_of_ridge(solver, task.effort.ridge));
         starts.sort_by(|a, b| b.0.total_cmp(&a.0));
         starts
+    }
+
+    /// Scores the bank's shapes beside a model.
+    fn of_bank(&mut self, solver: &Solver, bank: &Bank, task: Task, model: &Model, at: &Amplitudes) {
+        self.list(solver, task, model, at);
+        self.score(solver, bank);
     }
 
     /// The best lobes, with their scores, whose highlights pass through the poses with the largest residuals, at most `count`. The directions of
