@@ -31,7 +31,7 @@ impl Effort {
     pub fn texel(lobes: usize) -> Self {
         if lobes <= 2 {
             return Self {
-                tries: 3,
+                tries: 5,
                 ridge: 1,
                 steps: 3,
                 beam: 2,
@@ -146,6 +146,15 @@ const AS_GOOD: std::ops::RangeInclusive<f64> = 0.8..=1.15;
 /// Whether a neighbour's shapes as they are come so close to its own cost that no other start needs a look.
 pub fn may_do(solver: &Solver, cost: f64, near: &Known) -> bool {
     cost <= AS_GOOD.end() * near.level * solver.data.valid as f64
+}
+
+/// Whether the samples tell every lobe of a neighbour's shapes, as they are, from noise.
+pub fn is_told(solver: &mut Solver, task: Task, near: &Known) -> bool {
+    let mut model = near.model.clone();
+    solver.refer(&mut model);
+    let at = solver.evaluate(task.family, task.diffuse, &model);
+    let layout = solver.layout(task.family, task.diffuse, &model);
+    uncertainty::told(solver, layout, &at).into_iter().all(|told| told)
 }
 
 /// The fit of a fixed number of lobes from shapes that were found nearby, and whether it is as good as a search would find. It may not be where
