@@ -219,10 +219,10 @@ fn bounded(gram: &[f64], rhs: &[f64], cap: impl Fn(usize) -> f64, x: &mut [f64],
 }
 
 /// Normal equations of the shapes' unknowns.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone)]
 pub struct Normal {
     /// JᵀJ, row by row with `size` places a row.
-    pub matrix: [f64; UNKNOWNS * UNKNOWNS],
+    pub matrix: Vec<f64>,
     /// Jᵀr.
     pub gradient: [f64; UNKNOWNS],
     /// Unknowns.
@@ -232,7 +232,7 @@ pub struct Normal {
 /// The normal equations at a model, with each channel's free amplitudes projected out.
 pub fn normal(gram: &Gram, layout: Layout, at: &Amplitudes) -> Normal {
     let (terms, size) = (layout.terms(), layout.size());
-    let mut normal = Normal { matrix: [0.0; UNKNOWNS * UNKNOWNS], gradient: [0.0; UNKNOWNS], size };
+    let mut normal = Normal { matrix: vec![0.0; size * size], gradient: [0.0; UNKNOWNS], size };
     for channel in 0..layout.channels {
         let free = &at.free[channel];
         if at.free[..channel].contains(free) {

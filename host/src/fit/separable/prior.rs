@@ -52,7 +52,7 @@ pub fn tie(solver: &mut Solver, task: Task, model: &mut Model, near: Option<&Mod
     let size = normal.size;
     let widths = widths(layout);
     let black = |lobe: usize| at.x.iter().take(layout.channels).all(|x| x[1 + lobe] <= 0.0);
-    let mut information = [0.0; UNKNOWNS * UNKNOWNS];
+    let mut information = vec![0.0; size * size];
     for i in 0..size {
         for j in 0..size {
             information[i * size + j] = normal.matrix[i * size + j] * widths[i] * widths[j] / variance;
@@ -64,16 +64,16 @@ pub fn tie(solver: &mut Solver, task: Task, model: &mut Model, near: Option<&Mod
             information[layout.family.unknown(lobe, column, layout.lobes) * (size + 1)] = 2.0;
         }
     }
-    let mut excess = information;
+    let mut excess = information.clone();
     (0..size).for_each(|i| excess[i * (size + 1)] -= 1.0);
-    if linear::factor(&mut excess[..size * size], size) {
+    if linear::factor(&mut excess, size) {
         // All eigenvalues are above 1.
         return 0;
     }
-    let mut axes = [0.0; UNKNOWNS * UNKNOWNS];
-    linear::eigen(&mut information[..size * size], &mut axes[..size * size], size);
+    let mut axes = vec![0.0; size * size];
+    linear::eigen(&mut information, &mut axes, size);
     let untold: Vec<usize> = (0..size).filter(|&k| information[k * (size + 1)] < 1.0).collect();
-    let mut penalty = Penalty { matrix: [0.0; UNKNOWNS * UNKNOWNS], size, prior: Prior::new(model, near) };
+    let mut penalty = Penalty { matrix: vec![0.0; size * size], size, prior: Prior::new(model, near) };
     for i in 0..size {
         for j in 0..size {
             let products = untold.iter().map(|&k| axes[i * size + k] * axes[j * size + k]);
@@ -142,7 +142,7 @@ impl Prior {
 
 /// (θ − θ₀)ᵀ P (θ − θ₀).
 struct Penalty {
-    matrix: [f64; UNKNOWNS * UNKNOWNS],
+    matrix: Vec<f64>,
     size: usize,
     prior: Prior,
 }
@@ -171,7 +171,7 @@ impl Penalty {
             for i in 0..size {
                 system[i * (size + 1)] = system[i * (size + 1)] * (1.0 + 1e-9) + 1e-300;
             }
-            if !linear::solve_spd(&mut system[..size * size], &mut step[..size]) {
+            if !linear::solve_spd(&mut system, &mut step[..size]) {
                 return;
             }
             let total = at.cost + penalty;

@@ -298,7 +298,7 @@ pub(super) fn solve(normal: &Normal, layout: Layout, model: &Model, damping: f64
         bound(layout.unknown(layout.lobes, 0), coat.alpha, WIDTHS);
     }
     let largest = (0..size).map(|i| normal.matrix[i * size + i]).fold(0.0, f64::max);
-    let mut damped = [0.0; UNKNOWNS * UNKNOWNS];
+    let mut damped = vec![0.0; size * size];
     let mut step = [0.0; UNKNOWNS];
     for i in 0..size {
         let diagonal = normal.matrix[i * size + i];
@@ -313,7 +313,7 @@ pub(super) fn solve(normal: &Normal, layout: Layout, model: &Model, damping: f64
         }
         damped[i * size + i] = diagonal * (1.0 + damping);
     }
-    solve_spd(&mut damped[..size * size], &mut step[..size]).then_some(step)
+    solve_spd(&mut damped, &mut step[..size]).then_some(step)
 }
 
 /// The fall in cost that the linear model promises for a step.

@@ -93,7 +93,7 @@ const UNTOLD: f64 = 1e3;
 
 /// The covariance of the shapes' unknowns but for σ², row by row.
 pub(super) struct Covariance {
-    matrix: [f64; UNKNOWNS * UNKNOWNS],
+    matrix: Vec<f64>,
     size: usize,
 }
 
@@ -102,7 +102,7 @@ impl Covariance {
         let size = normal.size;
         let largest = (0..size).map(|i| normal.matrix[i * size + i]).fold(0.0, f64::max);
         let told: Vec<usize> = (0..size).filter(|&i| normal.matrix[i * size + i] > 1e-13 * largest).collect();
-        let mut matrix = [0.0; UNKNOWNS * UNKNOWNS];
+        let mut matrix = vec![0.0; size * size];
         let count = told.len();
         // Scaled to a diagonal of 1, so that the ridge is the same share of everything.
         let scale = |i: usize| normal.matrix[i * size + i].sqrt();
