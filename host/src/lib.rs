@@ -13,25 +13,20 @@ pub mod compare;
 pub mod demo;
 pub mod develop;
 pub mod edit;
-pub mod error;
-pub mod files;
 pub mod fit;
-pub mod linalg;
-pub mod memory;
-mod page;
 mod picture_file;
 pub mod plan;
-pub mod progress;
-pub mod provenance;
 mod radiance_file;
 pub mod render;
-pub mod report;
 pub mod rig;
+pub mod run;
 pub mod sampled;
 pub mod scene;
 pub mod synth;
-pub mod toml_file;
 pub mod warning;
 
-pub use error::{Error, Result};
+pub use lobelia_base::{
+    Error, Result, durable, error, figures, files, hash, interrupt, linalg, memory, page, progress,
+    provenance, random, report, toml_file,
+};
 pub use lobelia_reflectance as reflectance;

@@ -4,7 +4,7 @@ use std::path::Path;
 
 use image::{DynamicImage, ImageDecoder, ImageFormat, ImageReader};
 
-use crate::error::{Error, Result};
+use lobelia_base::error::{Error, Result};
 
 /// Bytes of pixels that one byte of a file can stand for: deflate reaches 1032 to 1, runs of empty blocks of a progressive JPEG more.
 const MOST_RATIO: u64 = 1 << 12;

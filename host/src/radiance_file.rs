@@ -6,9 +6,9 @@ use std::path::Path;
 
 use glam::Vec3;
 
-use crate::error::{Error, Result};
 use crate::reflectance::Rgb;
 use crate::reflectance::colour::Primaries;
+use lobelia_base::error::{Error, Result};
 
 /// Pixels that one byte of a file can stand for: 4 bytes repeat a pixel 255 times.
 const MOST_RATIO: usize = 64;

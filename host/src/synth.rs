@@ -4,10 +4,10 @@ use glam::{DVec3, Vec3};
 use half::f16;
 use rayon::prelude::*;
 
-use crate::fit::random::Random;
 use crate::plan::choose::{MAX_THETA_I_DEG, MAX_THETA_O_DEG};
 use crate::reflectance::{Lobe, LobeBrdf, Rgb};
 use crate::sampled::{PoseGeometry, SampledSbrdf};
+use lobelia_base::random::Random;
 
 /// Distance of light and camera from the sample's centre, mm.
 pub const DISTANCE_MM: f64 = 1000.0;

@@ -6,7 +6,6 @@
 
 pub mod albedo;
 pub mod colour;
-pub mod durable;
 pub mod exr_file;
 pub mod lobe;
 pub mod map;

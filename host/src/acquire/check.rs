@@ -4,18 +4,9 @@
 use lobelia_protocol::Axis;
 
 use super::Steps;
-use super::journal::Record;
-use crate::error::{Error, Result};
 use crate::rig::config::RigConfig;
-
-/// The first pose that has to be photographed, by what the journal holds.
-pub(super) fn first_left(records: &[Record]) -> usize {
-    records.iter().fold(0, |next, record| match record {
-        Record::Pose { index, .. } => index + 1,
-        Record::Suspect { from, .. } => *from,
-        _ => next,
-    })
-}
+use crate::run::journal::Record;
+use lobelia_base::error::{Error, Result};
 
 /// How many poses the last check has found good.
 pub(super) fn checked(records: &[Record]) -> usize {
@@ -80,6 +71,7 @@ impl Steps<'_> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::run::first_left;
 
     #[test]
     fn poses_since_the_last_good_check_are_left_after_a_bad_one() {

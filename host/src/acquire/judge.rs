@@ -1,6 +1,6 @@
 //! Judges a photograph when it arrives, so that a wrong one is taken again at once and not found the next morning.
 
-use crate::acquire::station::Shot;
+use super::camera::Shot;
 use crate::develop::frame::{Photograph, RawFrame};
 use crate::develop::registration;
 use crate::rig::config::RigConfig;

@@ -7,11 +7,11 @@ use glam::{Vec2, Vec3};
 use lobelia_hil_sim::optics::{Material, Pattern, SampleLayout};
 use serde::{Deserialize, Serialize};
 
-use crate::error::{Error, Result};
 use crate::reflectance::table::{InterpolatedBrdf, MeasuredTable};
 use crate::reflectance::{Lobe, LobeBrdf, Microfacet, Rgb, materials};
 use crate::rig::config::Carrier;
-use crate::toml_file;
+use lobelia_base::error::{Error, Result};
+use lobelia_base::toml_file;
 
 /// A sample: materials and their pattern.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]

@@ -3,6 +3,7 @@
 use std::fs::OpenOptions;
 use std::io::{Read, Seek, SeekFrom, Write};
 use std::path::Path;
+use std::time::Duration;
 
 use lobelia_hil_sim::optics::bench::PrintedTag;
 use lobelia_hil_sim::optics::frame::{FrameNotes, write_tiff};
@@ -13,11 +14,12 @@ use lobelia_hil_sim::optics::{
 use lobelia_hil_sim::{AxisMechanics, LampConfig, MechanicsConfig, SimulatedRig};
 use serde::{Deserialize, Serialize};
 
-use super::station::{Camera, Shot, Station};
-use crate::error::{Error, Result};
-use crate::files;
+use super::camera::{Arrival, Camera, Clock, Fired, Shot};
+use super::station::Station;
 use crate::rig::RigClient;
 use crate::rig::config::{Axis, RigConfig};
+use lobelia_base::error::{Error, Result};
+use lobelia_base::files;
 
 /// Name of the file in a simulated run's folder that says where the axes really were.
 pub const TRUTH_FILE: &str = "truth.jsonl";
@@ -44,13 +46,8 @@ pub struct SimulatedCamera {
 }
 
 impl SimulatedCamera {
-    /// The rig that the camera looks at.
-    pub fn rig(&self) -> &SimulatedRig {
-        &self.rig
-    }
-
     /// Writes what the sensor recorded of the exposure just made.
-    pub(super) fn store(&mut self, file: &Path, shot: &Shot) -> Result<()> {
+    fn store(&mut self, file: &Path, shot: &Shot) -> Result<()> {
         let truth =
             self.rig.last_exposure().ok_or_else(|| Error::failure("the simulated shutter never opened"))?;
         let stale = self.last.as_ref().is_none_or(|(angles, _)| *angles != truth.axes_rad);
@@ -86,6 +83,30 @@ impl SimulatedCamera {
         let mut line = serde_json::to_vec(&truth).map_err(|error| Error::failure(error.to_string()))?;
         line.push(b'\n');
         append_line(&path, &line).map_err(|error| Error::writing(&path, error))
+    }
+}
+
+impl Camera for SimulatedCamera {
+    fn drain(&mut self, _: &Path, _: Duration) -> Result<()> {
+        Ok(())
+    }
+
+    fn take(&mut self, fired: &Fired<'_>) -> Result<Arrival> {
+        self.store(fired.file, fired.shot)?;
+        Ok(Arrival::Taken)
+    }
+}
+
+/// The simulated rig's clock.
+struct RigClock(SimulatedRig);
+
+impl Clock for RigClock {
+    fn now_us(&self) -> u64 {
+        self.0.now_us()
+    }
+
+    fn idle_until_us(&self, time_us: u64) {
+        self.0.idle_until_us(time_us);
     }
 }
 
@@ -170,7 +191,7 @@ pub fn station(config: &RigConfig, sample: SampleLayout) -> Result<Station> {
         last: None,
     };
     let client = RigClient::connect(Box::new(rig.link()))?;
-    Ok(Station::new(client, Camera::Simulated(Box::new(camera))))
+    Ok(Station::simulated(client, Box::new(camera), Box::new(RigClock(rig))))
 }
 
 /// The simulated mechanics and lamp that `rig.toml` describes.

@@ -1,19 +1,16 @@
 //! The station: the rig's controller and the camera that is fired with it, real or simulated.
 
 use std::path::Path;
-use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, SystemTime};
 
+use lobelia_base::error::{Error, Result};
+use lobelia_base::interrupt::interrupted;
+use lobelia_base::progress;
 use lobelia_protocol::Exposure;
 
-use super::judge;
-pub use super::watch::WatchedFolder;
-use super::watch::{self, Arrival};
-use crate::error::{Error, Result};
-use crate::progress;
+use super::camera::{Arrival, Camera, Clock, Fired, GRACE, Shot};
 use crate::rig::RigClient;
 use crate::rig::config::RigConfig;
-use crate::rig::geometry::MotorAngles;
 
 /// How often a shot is made until its photograph is right.
 const TRIES: usize = 3;
@@ -21,74 +18,25 @@ const TRIES: usize = 3;
 /// Name of the folder in a run's for photographs that were put aside.
 const ASIDE: &str = "aside";
 
-/// One photograph to take.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Shot {
-    /// Time that the shutter shall be open, s.
-    pub open_s: f64,
-    /// Whether the lamp must be warm; false for dark frames.
-    pub warm_lamp: bool,
-    /// Where the motors stand, by which the tags are expected; `None` for dark frames.
-    pub angles: Option<MotorAngles>,
-    /// What the photograph is (kind, pose, exposure), from which a simulated camera draws its noise.
-    pub key: [u64; 3],
-}
-
-/// Something that turns an exposure into a file.
-pub enum Camera {
-    /// Software that stores the camera's photographs in a folder.
-    Watch(Box<WatchedFolder>),
-    /// The simulated camera on the simulated rig.
-    #[cfg(feature = "sim")]
-    Simulated(Box<crate::acquire::simulated::SimulatedCamera>),
-}
-
-impl Camera {
-    /// Puts aside what a watched folder holds of earlier shots, or what comes within a time.
-    fn drain(&mut self, aside: &Path, within: Duration) -> Result<()> {
-        match self {
-            Self::Watch(folder) => folder.drain(aside, within),
-            #[cfg(feature = "sim")]
-            Self::Simulated(_) => Ok(()),
-        }
-    }
-}
-
-/// Set by the first Ctrl-C, see [`catch_interrupts`].
-static INTERRUPTED: AtomicBool = AtomicBool::new(false);
-
-/// From now on Ctrl-C asks a run to end after the photograph in hand, with the rig at rest, instead of killing it.
-pub fn catch_interrupts() {
-    // A second handler in one process is refused; the first one serves.
-    let _ = ctrlc::set_handler(|| INTERRUPTED.store(true, Ordering::Relaxed));
-}
-
-/// Whether Ctrl-C was pressed since it is caught.
-pub fn interrupted() -> bool {
-    INTERRUPTED.load(Ordering::Relaxed)
-}
-
-/// Fails once the user has asked to stop.
-pub(super) fn check_interrupt() -> Result<()> {
-    if interrupted() {
-        return Err(Error::failure("interrupted; the run can be continued with --resume"));
-    }
-    Ok(())
-}
-
 /// The controller and the camera.
 pub struct Station {
     /// The controller.
     pub client: RigClient,
-    /// The camera.
-    pub camera: Camera,
+    camera: Box<dyn Camera>,
+    /// Of a simulated rig.
+    clock: Option<Box<dyn Clock>>,
 }
 
 impl Station {
     /// Connects both; Ctrl-C (if caught) stops the rig.
-    pub fn new(mut client: RigClient, camera: Camera) -> Self {
+    pub fn new(mut client: RigClient, camera: Box<dyn Camera>) -> Self {
         client.set_interrupt(interrupted);
-        Self { client, camera }
+        Self { client, camera, clock: None }
+    }
+
+    /// A simulated station, whose time passes only while it is used.
+    pub fn simulated(client: RigClient, camera: Box<dyn Camera>, clock: Box<dyn Clock>) -> Self {
+        Self { clock: Some(clock), ..Self::new(client, camera) }
     }
 
     /// Whether the controller knows where all axes are.
@@ -98,30 +46,22 @@ impl Station {
 
     /// Whether rig and camera are simulated.
     pub(super) fn is_simulated(&self) -> bool {
-        match &self.camera {
-            Camera::Watch(_) => false,
-            #[cfg(feature = "sim")]
-            Camera::Simulated(_) => true,
-        }
+        self.clock.is_some()
     }
 
     /// The controller's clock, µs. A simulated rig is asked directly, so that asking takes no time.
     pub(super) fn clock_us(&mut self) -> Result<u64> {
-        #[cfg(feature = "sim")]
-        if let Camera::Simulated(camera) = &self.camera {
-            return Ok(camera.rig().now_us());
+        match &self.clock {
+            Some(clock) => Ok(clock.now_us()),
+            None => Ok(self.client.status()?.uptime_us),
         }
-        Ok(self.client.status()?.uptime_us)
     }
 
     /// Lets a simulated rig's clock run on; a real rig's does so by itself.
     pub(super) fn idle_until_us(&mut self, time_us: u64) {
-        #[cfg(feature = "sim")]
-        if let Camera::Simulated(camera) = &self.camera {
-            camera.rig().idle_until_us(time_us);
+        if let Some(clock) = &self.clock {
+            clock.idle_until_us(time_us);
         }
-        #[cfg(not(feature = "sim"))]
-        let _ = time_us;
     }
 
     /// Takes a photograph into `file`, which appears whole or not at all. One that is wrong, late or lost is put aside and the shot
@@ -157,25 +97,16 @@ impl Station {
         let exposure = match self.client.expose_or_late(duration_us, shot.warm_lamp)? {
             Ok(exposure) => exposure,
             Err(late_us) => {
-                self.camera.drain(&aside, watch::GRACE)?;
+                self.camera.drain(&aside, GRACE)?;
                 return Ok(Err(format!("the shutter closed {late_us} µs late")));
             }
         };
-        match &mut self.camera {
-            Camera::Watch(folder) => {
-                let open_s = f64::from(exposure.open_us) * 1e-6;
-                let judged = |photograph: &_| judge::judge(config, shot, open_s, photograph);
-                match folder.collect(began, &judged, file, &aside)? {
-                    Arrival::Taken => Ok(Ok(exposure)),
-                    Arrival::Missing { why, again: true } => Ok(Err(why)),
-                    Arrival::Missing { why, again: false } => Err(Error::input(why)),
-                }
-            }
-            #[cfg(feature = "sim")]
-            Camera::Simulated(camera) => {
-                camera.store(file, shot)?;
-                Ok(Ok(exposure))
-            }
+        let open_s = f64::from(exposure.open_us) * 1e-6;
+        let fired = Fired { config, shot, began, open_s, file, aside: &aside };
+        match self.camera.take(&fired)? {
+            Arrival::Taken => Ok(Ok(exposure)),
+            Arrival::Missing { why, again: true } => Ok(Err(why)),
+            Arrival::Missing { why, again: false } => Err(Error::input(why)),
         }
     }
 

@@ -9,20 +9,20 @@ use std::io::{ErrorKind, Write};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant, SystemTime};
 
-use crate::acquire::station::check_interrupt;
-use crate::acquire::{judge::Fault, sha256};
+use lobelia_base::hash::sha256;
+
+use super::camera::{Arrival, Camera, Fired, GRACE};
+use super::check_interrupt;
+use super::judge::{self, Fault};
 use crate::develop::frame::{self, Photograph};
-use crate::error::{Error, Result};
-use crate::{files, progress};
+use lobelia_base::error::{Error, Result};
+use lobelia_base::{files, progress};
 
 /// A file counts as whole when nothing of it has changed for so long.
 const STILL: Duration = Duration::from_millis(500);
 
 /// Between two looks at the folder.
 const LOOK_AGAIN: Duration = Duration::from_millis(50);
-
-/// After a wrong photograph the right one is waited for no longer than this.
-pub(super) const GRACE: Duration = Duration::from_secs(5);
 
 /// Size and time of change of a file, by which a changed one is known.
 type Seen = (u64, Option<SystemTime>);
@@ -41,41 +41,13 @@ pub struct WatchedFolder {
     clock: CameraClock,
 }
 
-/// What came of waiting for a photograph.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub(super) enum Arrival {
-    /// It is in its place.
-    Taken,
-    /// None came, or none of this shot: what to say of it, and whether another try may help.
-    Missing { why: String, again: bool },
-}
-
-impl WatchedFolder {
-    /// Watches `path`; a photograph that has not arrived after `timeout` counts as lost.
-    ///
-    /// # Errors
-    /// When the folder is not there.
-    pub fn new(path: &Path, timeout: Duration) -> Result<Self> {
-        if !path.is_dir() {
-            return Err(Error::input(format!("{}: the folder to watch is not there", path.display())));
-        }
-        Ok(Self {
-            path: path.into(),
-            timeout,
-            known: HashMap::new(),
-            arriving: HashMap::new(),
-            begun: false,
-            taken: HashSet::new(),
-            clock: CameraClock::default(),
-        })
-    }
-
+impl Camera for WatchedFolder {
     /// Before a shot: what is there at the run's start is left alone; photographs that came too late for an earlier shot are put
     /// into the folder `aside`. One that is sure to come is waited for as long as `patience`.
     ///
     /// # Errors
     /// When a folder cannot be read or written; on Ctrl-C.
-    pub(super) fn drain(&mut self, aside: &Path, patience: Duration) -> Result<()> {
+    fn drain(&mut self, aside: &Path, patience: Duration) -> Result<()> {
         if !std::mem::replace(&mut self.begun, true) {
             self.known = self.files()?;
         }
@@ -96,6 +68,32 @@ impl WatchedFolder {
             check_interrupt()?;
             std::thread::sleep(LOOK_AGAIN);
         }
+    }
+
+    fn take(&mut self, fired: &Fired<'_>) -> Result<Arrival> {
+        let judged = |photograph: &_| judge::judge(fired.config, fired.shot, fired.open_s, photograph);
+        self.collect(fired.began, &judged, fired.file, fired.aside)
+    }
+}
+
+impl WatchedFolder {
+    /// Watches `path`; a photograph that has not arrived after `timeout` counts as lost.
+    ///
+    /// # Errors
+    /// When the folder is not there.
+    pub fn new(path: &Path, timeout: Duration) -> Result<Self> {
+        if !path.is_dir() {
+            return Err(Error::input(format!("{}: the folder to watch is not there", path.display())));
+        }
+        Ok(Self {
+            path: path.into(),
+            timeout,
+            known: HashMap::new(),
+            arriving: HashMap::new(),
+            begun: false,
+            taken: HashSet::new(),
+            clock: CameraClock::default(),
+        })
     }
 
     /// Waits for the photograph of a shot that began at `began` and moves it to `file`. `judge` says what is wrong with one; wrong ones

@@ -4,9 +4,9 @@ use std::time::Instant;
 
 use super::{Axis, Plot, Section, Series, Table};
 use crate::error::Result;
-use crate::fit::random::Random;
 use crate::fit::{self, Device, FitOptions, Residual, gpu};
 use crate::progress;
+use crate::random::Random;
 use crate::reflectance::{Brdf, LobeBrdf, SbrdfMap};
 use crate::synth::{self, Options};
 

@@ -6,9 +6,9 @@ use glam::Vec3;
 
 use super::{Axis, Chart, Plot, Section, Series, Table};
 use crate::error::{Error, Result};
-use crate::fit::random::Random;
 use crate::fit::{self, FitOptions, MOST_LOBES, Method, Residual};
 use crate::progress;
+use crate::random::Random;
 use crate::reflectance::{Brdf, Lobe, LobeBrdf, Rgb, SbrdfMap};
 use crate::synth::{self, Options};
 

@@ -5,9 +5,9 @@ use glam::{Vec2, Vec3};
 use super::{Section, Table};
 use crate::error::Result;
 use crate::fit::extensions::{Extensions, Microfacets};
-use crate::fit::random::Random;
 use crate::fit::{self, FitOptions};
 use crate::progress;
+use crate::random::Random;
 use crate::reflectance::{Brdf, Lobe, LobeBrdf, Microfacet, Rgb, SbrdfMap};
 use crate::synth::{self, Options};
 

@@ -2,9 +2,9 @@
 
 use super::{Section, Table};
 use crate::error::Result;
-use crate::fit::random::Random;
 use crate::fit::{self, FitOptions, Method, Residual};
 use crate::progress;
+use crate::random::Random;
 use crate::reflectance::{Brdf, LobeBrdf, Microfacet, Rgb, SbrdfMap};
 use crate::synth::{self, Options};
 

@@ -14,10 +14,10 @@ use clap::{Args, ValueEnum};
 use rayon::prelude::*;
 
 use crate::error::{Error, Result};
+use crate::figures::ErrorFigure;
 use crate::files;
 use crate::fit::chunks::{self, Part};
 use crate::fit::extensions::{Extensions, Microfacets};
-use crate::fit::figures::ErrorFigure;
 use crate::fit::held_out::{HeldOut, Which, left_out};
 use crate::fit::pool::{MOST_SAMPLES, RhoD};
 use crate::fit::weights::Weights;

@@ -4,8 +4,8 @@ use std::io::Cursor;
 use std::path::Path;
 
 use super::mosaic::{self, Mosaic};
-use crate::error::{Error, Result};
 use crate::rig::config::ExifExposure;
+use lobelia_base::error::{Error, Result};
 
 /// The first bytes of every JPEG.
 pub const JPEG_START: [u8; 3] = [0xff, 0xd8, 0xff];

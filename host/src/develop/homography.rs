@@ -2,7 +2,7 @@
 
 use glam::{DMat3, DVec2, DVec3};
 
-use crate::linalg::Normal;
+use lobelia_base::linalg::Normal;
 
 /// A corner on the sample's plane (mm) and where it was seen (normalised, undistorted).
 #[derive(Debug, Clone, Copy, PartialEq)]

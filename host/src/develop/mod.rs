@@ -8,15 +8,15 @@ use glam::{DVec2, DVec3, Vec3Swizzles};
 use half::f16;
 use rayon::prelude::*;
 
-use crate::acquire::RunFolder;
-use crate::acquire::journal::{ExposureRecord, Record};
-use crate::error::{Error, Result};
-use crate::memory;
-use crate::progress;
 use crate::rig::config::RigConfig;
 use crate::rig::geometry::pose_geometry;
+use crate::run::RunFolder;
+use crate::run::journal::{ExposureRecord, Record};
 use crate::sampled::{Attributes, CLIPPED_KEY, PoseGeometry, SampledSbrdf, Window, texel_position_mm};
 use crate::warning::samples::PoseSamples;
+use lobelia_base::error::{Error, Result};
+use lobelia_base::memory;
+use lobelia_base::progress;
 
 pub mod camera;
 pub mod fiducials;

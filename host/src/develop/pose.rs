@@ -7,9 +7,9 @@ use glam::{DVec2, DVec3};
 
 use super::camera;
 use super::homography::Correspondence;
-use crate::linalg::Normal;
 use crate::rig::config::RigConfig;
 use crate::rig::geometry::{MotorAngles, SamplePose, camera_position, sample_pose};
+use lobelia_base::linalg::Normal;
 
 /// Standard deviation of a refined tag corner, pixels.
 pub(super) const CORNER_SIGMA_PX: f64 = 0.15;

@@ -1,8 +1,8 @@
 //! Brackets to radiance (3.4): dark signal subtracted, lamp reading divided out, exposures summed where unsaturated.
 
 use super::frame::RawFrame;
-use crate::error::{Error, Result};
 use crate::rig::config::Camera;
+use lobelia_base::error::{Error, Result};
 
 /// Share of the sensor's range above which a pixel counts as saturated.
 const SATURATION: f64 = 0.97;

@@ -10,9 +10,9 @@ use glam::{DMat3, DQuat, DVec2, DVec3};
 use super::camera;
 use super::homography::{Correspondence, Homography};
 use super::pose::CORNER_SIGMA_PX;
-use crate::linalg::Normal;
 use crate::rig::config::RigConfig;
 use crate::rig::geometry::{MotorAngles, SamplePose, camera_position, sample_pose};
+use lobelia_base::linalg::Normal;
 
 /// Each head axis may be off by so many times its repeatability, all three at once: the home switches scatter and the gears
 /// have play besides.

@@ -3,9 +3,9 @@
 
 use super::registration::{Registration, Unregistered};
 use super::seen::SeenPose;
-use crate::acquire::RunFolder;
-use crate::error::{Error, Result};
 use crate::rig::geometry::MotorAngles;
+use crate::run::RunFolder;
+use lobelia_base::error::{Error, Result};
 
 /// Fewer photographs than this make no rule.
 const LEAST: usize = 3;

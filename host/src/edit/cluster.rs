@@ -8,11 +8,11 @@ use rayon::prelude::*;
 
 use super::blend::blend;
 use super::pairs::{Pairs, squared_distance};
-use crate::error::{Error, Result};
-use crate::fit::random::Random;
 use crate::fit::texel::Workspace;
-use crate::progress;
 use crate::reflectance::{LobeBrdf, SbrdfMap};
+use lobelia_base::error::{Error, Result};
+use lobelia_base::progress;
+use lobelia_base::random::Random;
 
 /// Most BRDFs of a palette: an index is a byte.
 pub const MOST: usize = 256;

@@ -4,10 +4,10 @@ use rayon::prelude::*;
 
 use super::blend::{Blend, blend};
 use super::picture::Mask;
-use crate::error::{Error, Result};
 use crate::fit::texel::Workspace;
-use crate::progress;
 use crate::reflectance::{LobeBrdf, SbrdfMap};
+use lobelia_base::error::{Error, Result};
+use lobelia_base::progress;
 
 /// `base` where the mask is black, `over` where it is white, blended by reflectance in between; map, and the largest relative
 /// error of a blend. The three have one size.

@@ -5,8 +5,8 @@ use glam::DVec3;
 
 use super::gather;
 use super::picture::Photo;
-use crate::error::{Error, Result};
 use crate::reflectance::{Rgb, SbrdfMap};
+use lobelia_base::error::{Error, Result};
 
 /// The map with ρ_d from the photograph, scaled channel by channel so that the mean ρ_d stays. A photograph of k times the map's
 /// size in both directions gives a map of the photograph's size, each texel's lobes repeated k × k times.

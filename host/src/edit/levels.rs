@@ -7,8 +7,8 @@ use rayon::prelude::*;
 use super::blend::blend;
 use crate::fit::mip;
 use crate::fit::texel::Workspace;
-use crate::progress;
 use crate::reflectance::{Lobe, LobeBrdf, Microfacet, Rgb, SbrdfMap};
+use lobelia_base::progress;
 
 /// The texels of a map that a level's texel stands for.
 pub fn beneath(map: &SbrdfMap, level: u32, texel: usize) -> Vec<LobeBrdf> {

@@ -14,8 +14,8 @@ pub mod photo;
 pub mod picture;
 pub mod tile;
 
-use crate::error::{Error, Result};
 use crate::reflectance::{LobePlane, MicrofacetPlane, SbrdfMap};
+use lobelia_base::error::{Error, Result};
 
 /// The plane of a map that says where its material is: 1 there, 0 where it is cut out.
 pub const ALPHA: &str = "alpha";

@@ -11,10 +11,10 @@ use glam::Vec3;
 use serde::Deserialize;
 
 use super::pairs::Pairs;
-use crate::error::{Error, Result};
-use crate::files;
 use crate::reflectance::{Lobe, LobeBrdf, Rgb, SbrdfMap, colour};
-use crate::toml_file;
+use lobelia_base::error::{Error, Result};
+use lobelia_base::files;
+use lobelia_base::toml_file;
 
 /// Pairs of directions for a swatch.
 const PAIRS: usize = 256;

@@ -6,9 +6,9 @@ use std::f32::consts::PI;
 use glam::Vec3;
 
 use super::picture::Photo;
-use crate::error::{Error, Result};
-use crate::fit::random::Random;
 use crate::reflectance::{Lobe, LobeBrdf, SbrdfMap, colour};
+use lobelia_base::error::{Error, Result};
+use lobelia_base::random::Random;
 
 /// The lobe over the photograph. The defaults are the source's for cherry wood.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -2,11 +2,11 @@
 
 use std::path::Path;
 
-use crate::error::{Error, Result};
 use crate::picture_file;
 use crate::radiance_file::{self, Radiance};
 use crate::reflectance::{Rgb, colour};
 use crate::render::Picture;
+use lobelia_base::error::{Error, Result};
 
 /// A photograph in linear Rec. 709 colour, row by row from the top.
 #[derive(Debug, Clone, PartialEq)]

@@ -6,8 +6,8 @@ use rayon::prelude::*;
 
 use super::gather;
 use super::pairs::{Pairs, squared_distance};
-use crate::error::{Error, Result};
 use crate::reflectance::{LobeBrdf, SbrdfMap};
+use lobelia_base::error::{Error, Result};
 
 /// Pairs of directions at which texels are compared.
 const PAIRS: usize = 64;

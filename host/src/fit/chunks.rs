@@ -12,12 +12,12 @@ use rayon::prelude::*;
 
 use super::weights::Weights;
 use super::{FitOptions, fit_window, has_samples, mip};
-use crate::acquire::sha256;
-use crate::error::{Error, Result};
-use crate::progress;
 use crate::reflectance::SbrdfMap;
 use crate::sampled::{SampledSbrdf, SampledStore, Window};
 use crate::warning::samples::Tally;
+use lobelia_base::error::{Error, Result};
+use lobelia_base::hash::sha256;
+use lobelia_base::progress;
 
 /// Part `index` (from 1) of `count`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -8,14 +8,14 @@ use std::str::FromStr;
 
 use rayon::prelude::*;
 
-use super::random::Random;
 use super::samples;
 use super::weights::Weights;
-use crate::error::{Error, Result};
 use crate::plan::distance::{DirectionPair, distance};
-use crate::progress;
 use crate::reflectance::SbrdfMap;
 use crate::sampled::{PoseGeometry, SampledSbrdf, SampledStore, Window};
+use lobelia_base::error::{Error, Result};
+use lobelia_base::progress;
+use lobelia_base::random::Random;
 
 /// Which poses are held out.
 #[derive(Debug, Clone, PartialEq)]

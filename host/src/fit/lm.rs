@@ -445,7 +445,7 @@ mod tests {
 
     #[test]
     fn the_gradient_agrees_with_finite_differences_of_the_cost() {
-        let truth = testing::material(2, &mut super::super::random::Random::new(5));
+        let truth = testing::material(2, &mut lobelia_base::random::Random::new(5));
         let samples = testing::samples(&testing::directions(60, 4), |wi, wo| truth.eval(wi, wo));
         let mut optimiser = Optimiser::default();
         for residual in Residual::ALL {

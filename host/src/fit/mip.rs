@@ -8,8 +8,8 @@ use std::path::{Path, PathBuf};
 
 use half::f16;
 
-use crate::error::Result;
 use crate::sampled::{SampledSbrdf, SampledStore, Window};
+use lobelia_base::error::Result;
 
 /// Columns and rows of a level of an image.
 pub fn size([width, height]: [usize; 2], level: u32) -> [usize; 2] {

@@ -233,7 +233,7 @@ mod tests {
 
     #[test]
     fn the_reference_is_the_largest_base_within_the_cone() {
-        let mut random = super::super::random::Random::new(3);
+        let mut random = lobelia_base::random::Random::new(3);
         for _ in 0..200 {
             let mut component = || random.uniform(-1.0, 1.0);
             let c = DVec3::new(component(), component(), component()).normalize();

@@ -9,9 +9,9 @@
 use super::coat::Coat;
 use super::lm::{Freedom, Limits, Optimiser, Outcome};
 use super::model::{Model, ModelLobe, Turned, isotropic_c};
-use super::random::Random;
 use super::samples::{Samples, Target};
 use super::{linear, lm};
+use lobelia_base::random::Random;
 
 /// Exponents 1, 2, 4, … 2^(EXPONENTS − 1).
 const EXPONENTS: usize = 12;

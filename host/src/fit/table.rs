@@ -9,16 +9,16 @@ pub mod uncertainty;
 
 use rayon::prelude::*;
 
-use super::figures::ErrorFigure;
 use super::lm::{Freedom, Optimiser, Outcome};
 use super::model::Model;
-use super::random::Random;
 use super::samples::{Samples, Target};
 use super::start::{Effort, Problem, Search};
 use super::{AlbedoBound, Method, PERCENTILE, Residual, conserve, diffuse, evaluate, line_search};
-use crate::error::{Error, Result};
-use crate::progress;
 use crate::reflectance::{LobeBrdf, MeasuredTable, Microfacet, Rgb};
+use lobelia_base::error::{Error, Result};
+use lobelia_base::figures::ErrorFigure;
+use lobelia_base::progress;
+use lobelia_base::random::Random;
 
 /// Rows whose incidence is this near a held-out angle are left out, degrees.
 pub const HOLD_OUT_WIDTH_DEG: f64 = 0.5;

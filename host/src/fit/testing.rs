@@ -2,9 +2,9 @@
 
 use glam::Vec3;
 
-use super::random::Random;
 use super::samples::Samples;
 use crate::reflectance::{Brdf, Rgb};
+use lobelia_base::random::Random;
 
 /// A random direction, uniform in solid angle up to a polar angle.
 fn direction(random: &mut Random, most_deg: f64) -> Vec3 {

@@ -1,7 +1,6 @@
 //! The fit of whole texels and maps against materials that are known.
 
 use super::lm::{Freedom, Optimiser};
-use super::random::Random;
 use super::samples::Target;
 use super::start::{Effort, Problem, Search};
 use super::testing::{directions, material, measured, relative_error};
@@ -10,6 +9,7 @@ use super::*;
 use crate::reflectance::{Brdf, Lobe, LobeBrdf, Rgb, materials};
 use crate::sampled::PoseGeometry;
 use glam::DVec2;
+use lobelia_base::random::Random;
 
 /// Errors against unposed pairs of directions of `count` texels with noise, sorted.
 fn errors(count: u64, options: &FitOptions, material: impl Fn(&mut Random) -> LobeBrdf) -> Vec<f64> {

@@ -10,10 +10,10 @@ use rayon::prelude::*;
 use super::Extent;
 use super::density;
 use super::distance::{DirectionPair, distance};
-use crate::error::{Error, Result};
-use crate::progress;
 use crate::rig::config::RigConfig;
 use crate::rig::geometry::{MotorAngles, motor_angles};
+use lobelia_base::error::{Error, Result};
+use lobelia_base::progress;
 
 /// Pairs with a polar angle of incidence above this are dropped (3.3.2).
 pub const MAX_THETA_I_DEG: f64 = 75.0;

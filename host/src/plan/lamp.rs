@@ -1,9 +1,9 @@
 //! How long the lamp burns for a plan, against the time after which the controller puts it out.
 
 use super::{PlannedPose, order};
-use crate::progress::duration;
 use crate::rig::config::RigConfig;
 use crate::rig::geometry::MotorAngles;
+use lobelia_base::progress::duration;
 
 /// Time that the lamp burns for some poses, s: warm-up, moves, settling, exposures. Repeated photographs, the camera's own time and the looks
 /// for lost steps come on top.

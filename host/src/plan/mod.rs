@@ -4,10 +4,10 @@ use std::path::Path;
 
 use serde::{Deserialize, Serialize};
 
-use crate::error::{Error, Result};
 use crate::rig::config::{AXIS_NAMES, RigConfig};
 use crate::rig::geometry::MotorAngles;
-use crate::{files, toml_file};
+use lobelia_base::error::{Error, Result};
+use lobelia_base::{files, toml_file};
 
 pub mod choose;
 pub mod density;

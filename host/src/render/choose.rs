@@ -13,9 +13,9 @@ use std::rc::Rc;
 use super::{
     Chosen, Method, Picture, Prepared, Renderer, Rendering, Settings, compare, environment, reference,
 };
-use crate::error::{Error, Result};
-use crate::progress;
 use crate::scene::{Camera, Scene};
+use lobelia_base::error::{Error, Result};
+use lobelia_base::progress;
 use verdict::Judges;
 
 /// Pixels a row of the small view at most.

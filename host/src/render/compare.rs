@@ -4,9 +4,9 @@ use glam::Vec3;
 
 use super::flip;
 use super::image::Picture;
-use crate::error::{Error, Result};
-use crate::fit::figures::ErrorFigure;
 use crate::reflectance::Rgb;
+use lobelia_base::error::{Error, Result};
+use lobelia_base::figures::ErrorFigure;
 
 /// The reference's mean times this is added (in squares) to what relative errors are divided by, so that black pixels count
 /// little.

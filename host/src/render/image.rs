@@ -5,9 +5,9 @@ use std::path::Path;
 use exr::prelude::{Encoding, Image, LineOrder, SpecificChannels, WritableImage};
 use glam::Vec4;
 
-use crate::error::{Error, Result};
-use crate::files;
 use crate::reflectance::{Rgb, colour, exr_file};
+use lobelia_base::error::{Error, Result};
+use lobelia_base::files;
 
 /// Luminance that tone mapping takes to full white.
 const WHITE: f32 = 3.0;

@@ -27,8 +27,8 @@ use glam::Vec3;
 
 pub use image::{Picture, PictureKind, picture_kind};
 
-use crate::error::{Kind, Result};
 use crate::scene::{Camera, Scene};
+use lobelia_base::error::{Kind, Result};
 
 /// One way to render, with its settings.
 pub trait Renderer {

@@ -14,13 +14,13 @@ use lobelia_protocol::{
     HomingReport, Outcome, Refusal, Request, Status, ToController, ToHost, Verdict,
 };
 
-use crate::error::{Error, Result};
 use crate::rig::explain;
 use crate::rig::keep_alive::{self, KeepAlive};
 use crate::rig::monitor;
 use crate::rig::port::Port;
 use crate::rig::trace::{Recorder, Step};
 use crate::rig::wire::Wire;
+use lobelia_base::error::{Error, Result};
 
 /// After this long without an answer a request is sent again. The longest exchange at 9600 baud takes 0.08 s; on a line that loses a
 /// third of the frames many repetitions have to fit into the controller's lease.

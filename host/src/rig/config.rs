@@ -7,7 +7,7 @@ use std::path::Path;
 
 use serde::{Deserialize, Serialize};
 
-use crate::toml_file;
+use lobelia_base::toml_file;
 
 pub(crate) mod check;
 mod homing;
@@ -561,7 +561,7 @@ impl RigConfig {
     ///
     /// # Errors
     /// Input errors that name file, line and key.
-    pub fn read(path: &Path) -> crate::Result<Self> {
+    pub fn read(path: &Path) -> lobelia_base::Result<Self> {
         let rig: Self = toml_file::read_as(path, toml_file::Kind::Rig)?;
         rig.validate().map_err(|error| error.at(path.display()))?;
         Ok(rig)
@@ -571,11 +571,12 @@ impl RigConfig {
     ///
     /// # Errors
     /// Input errors that name the setting: no `KEY=VALUE`, an unknown key, a value of another type or out of range.
-    pub fn with_settings(&self, settings: &[String]) -> crate::Result<Self> {
-        let mut file = toml::Value::try_from(self)
-            .map_err(|error| crate::Error::input(format!("the rig's file cannot be read back: {error}")))?;
+    pub fn with_settings(&self, settings: &[String]) -> lobelia_base::Result<Self> {
+        let mut file = toml::Value::try_from(self).map_err(|error| {
+            lobelia_base::Error::input(format!("the rig's file cannot be read back: {error}"))
+        })?;
         for setting in settings {
-            let refused = |why: &str| crate::Error::input(format!("--set {setting}: {why}"));
+            let refused = |why: &str| lobelia_base::Error::input(format!("--set {setting}: {why}"));
             let (key, text) = setting.split_once('=').ok_or_else(|| refused("must be KEY=VALUE"))?;
             let value: toml::Table =
                 toml::from_str(&format!("value = {text}")).map_err(|_| refused("the value is no TOML"))?;
@@ -594,7 +595,8 @@ impl RigConfig {
             let read = read.map_err(|error| refused(error.message()))?;
             read.validate().map_err(|error| refused(&error.to_string()))?;
         }
-        file.try_into().map_err(|error: toml::de::Error| crate::Error::input(error.message().to_string()))
+        file.try_into()
+            .map_err(|error: toml::de::Error| lobelia_base::Error::input(error.message().to_string()))
     }
 
     /// Angles in degrees (pan, tilt, roll, light) as motor steps, rounded to the nearest.
@@ -607,18 +609,19 @@ impl RigConfig {
     ///
     /// # Errors
     /// When a number of the file does not fit the controller's integers.
-    pub fn configuration(&self) -> crate::Result<Configuration> {
+    pub fn configuration(&self) -> lobelia_base::Result<Configuration> {
         let mut axes = Vec::with_capacity(4);
         for (name, axis) in AXIS_NAMES.iter().zip(self.axes.in_order()) {
             axes.push(axis.parameters().ok_or_else(|| {
-                crate::Error::input(format!(
+                lobelia_base::Error::input(format!(
                     "rig.toml: axes.{name} has a number beyond the controller's range"
                 ))
             })?);
         }
         // Within the controller's range, as `validate` sees to.
         let lamp_warm_up_s = self.lamp.warm_up_s.ceil() as u16;
-        let axes = axes.try_into().map_err(|_| crate::Error::input("rig.toml: there must be four axes"))?;
+        let axes =
+            axes.try_into().map_err(|_| lobelia_base::Error::input("rig.toml: there must be four axes"))?;
         Ok(Configuration {
             axes,
             settings: Settings {
@@ -676,7 +679,7 @@ mod tests {
     #[test]
     fn the_default_file_survives_toml_and_is_valid() {
         let text = toml::to_string(&RigConfig::default()).unwrap();
-        let read: RigConfig = crate::toml_file::parse(&text, "rig.toml").unwrap();
+        let read: RigConfig = lobelia_base::toml_file::parse(&text, "rig.toml").unwrap();
         assert_eq!(read, RigConfig::default());
         read.validate().unwrap();
         assert_eq!(read.carrier.tags.len(), 16);

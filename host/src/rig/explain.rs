@@ -2,7 +2,7 @@
 
 use lobelia_protocol::{Axis, DriverTrouble, Fault, FaultReport, Faults, Field, HelloReply, Refusal, schema};
 
-use crate::error::Error;
+use lobelia_base::error::Error;
 
 /// Why a request failed.
 pub(crate) fn refusal(refusal: Refusal) -> Error {

@@ -7,8 +7,8 @@ use std::time::Duration;
 
 use serialport::SerialPort;
 
-use crate::error::{Error, Result};
 use crate::rig::trace::Step;
+use lobelia_base::error::{Error, Result};
 
 /// Bits a second of a serial line; a USB serial port takes no notice.
 const BAUD: u32 = 115_200;
@@ -144,7 +144,7 @@ pub fn port_names() -> Vec<String> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::error::Kind;
+    use lobelia_base::error::Kind;
 
     #[test]
     fn port_that_does_not_exist_is_bad_input_and_named() {

@@ -7,9 +7,9 @@ use std::time::Duration;
 
 use lobelia_protocol::{Answer, Axis, Command, Exposure, Outcome, Refusal, Status};
 
-use crate::error::Result;
 use crate::rig::RigClient;
 use crate::rig::trace::{Entry, Exchange, Step};
+use lobelia_base::error::Result;
 
 /// Homing may end this far from where it ended before, in steps: switches scatter.
 const HOMING_STEPS: u32 = 16;

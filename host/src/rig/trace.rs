@@ -9,8 +9,8 @@ use std::time::Duration;
 use lobelia_protocol::{Axis, Command, Outcome, schema};
 use serde::{Deserialize, Serialize};
 
-use crate::error::{Error, Result};
-use crate::files;
+use lobelia_base::error::{Error, Result};
+use lobelia_base::files;
 
 /// One line of a trace.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]

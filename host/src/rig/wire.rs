@@ -6,9 +6,9 @@ use std::time::{Duration, Instant};
 
 use lobelia_protocol::{FrameDecoder, ToController, ToHost};
 
-use crate::error::{Error, Result};
 use crate::rig::port::Port;
 use crate::rig::trace::Step;
+use lobelia_base::error::{Error, Result};
 
 /// After this many bytes without one packet among them the port counts as someone else's.
 const MOST_RUBBISH: usize = 1 << 18;

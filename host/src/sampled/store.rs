@@ -15,10 +15,10 @@ use zarrs::group::GroupBuilder;
 
 use super::zarr::ZarrArray;
 use super::{PoseGeometry, SampledSbrdf};
-use crate::acquire::sha256;
-use crate::error::{Error, Result};
-use crate::files;
-use crate::reflectance::durable;
+use lobelia_base::durable;
+use lobelia_base::error::{Error, Result};
+use lobelia_base::files;
+use lobelia_base::hash::sha256;
 
 /// Edge of a chunk in texels.
 const BLOCK: usize = 16;
@@ -430,6 +430,11 @@ fn read_small<const N: usize>(
         return Err(format!("{name} has the shape {:?}, must be {shape:?}", array.shape));
     }
     array.read(&shape.map(|edge| 0..edge), |value| value)
+}
+
+/// [`SampledStore::geometry_sha256`] of a folder; none where it holds no store.
+pub fn geometry_sha256(folder: &Path) -> Option<String> {
+    SampledStore::open(folder).ok().map(|store| store.geometry_sha256())
 }
 
 #[cfg(test)]

@@ -5,10 +5,10 @@ use std::path::Path;
 use glam::{Vec2, Vec3};
 
 use super::Environment;
-use crate::error::{Error, Result};
 use crate::radiance_file::{self, Radiance};
 use crate::reflectance::Rgb;
 use crate::render::Picture;
+use lobelia_base::error::{Error, Result};
 
 impl Environment {
     /// Reads an equirectangular image or, where an OpenEXR file says so (`envmap`), the six faces of a cube: `.exr` or `.hdr` (Radiance

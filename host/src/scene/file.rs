@@ -45,10 +45,10 @@ use super::{
     Animation, Background, Camera, Environment, Filter, Light, Mask, Material, Mesh, Object, Reflectance,
     Scene, shapes, shipped, showcase,
 };
-use crate::error::{Error, Result};
 use crate::fit::mip;
 use crate::reflectance::{Lobe, LobeBrdf, Rgb, SbrdfMap, colour, materials};
-use crate::toml_file;
+use lobelia_base::error::{Error, Result};
+use lobelia_base::toml_file;
 
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]

@@ -4,7 +4,7 @@ use bytemuck::{Pod, Zeroable};
 use glam::{Affine3A, DVec3, Vec2, Vec3};
 
 use super::frame;
-use crate::error::{Error, Result};
+use lobelia_base::error::{Error, Result};
 
 /// A vertex. The sample's x axis is `tangent`, y is `handedness` · normal × tangent, z is `normal`; y points against v.
 #[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]

@@ -24,9 +24,9 @@ pub use environment::Environment;
 pub use mask::Mask;
 pub use mesh::{Mesh, Vertex};
 
-use crate::error::{Error, Result};
 use crate::fit::mip;
 use crate::reflectance::{LobeBrdf, Rgb, SbrdfMap};
+use lobelia_base::error::{Error, Result};
 
 /// Everything that a renderer needs to make a picture.
 #[derive(Debug, Clone)]

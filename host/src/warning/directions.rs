@@ -5,7 +5,6 @@
 
 use glam::DVec3;
 
-use super::{Kind, Warning};
 use crate::fit::linear::eigen;
 use crate::fit::texel::unknowns;
 use crate::fit::{FitOptions, MOST_LOBES};
@@ -13,6 +12,7 @@ use crate::plan::Plan;
 use crate::rig::config::RigConfig;
 use crate::rig::geometry::directions;
 use crate::sampled::PoseGeometry;
+use lobelia_base::warning::{Kind, Warning};
 
 /// Directions count as in one plane when none is farther from it than this.
 const IN_PLANE_DEG: f64 = 5.0;

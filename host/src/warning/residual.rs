@@ -9,11 +9,11 @@
 use glam::Vec3;
 use rayon::prelude::*;
 
-use super::{Kind, Warning, median, named, quantile};
-use crate::error::Result;
 use crate::plan::distance::{DirectionPair, distance};
 use crate::reflectance::{Brdf as _, SbrdfMap, colour};
 use crate::sampled::{SampledSbrdf, SampledStore, Window};
+use lobelia_base::error::Result;
+use lobelia_base::warning::{Kind, Warning, median, named, quantile};
 
 /// Edge of a window of texels, and how many windows are looked at.
 const WINDOW: usize = 16;

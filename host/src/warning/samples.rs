@@ -4,8 +4,8 @@ use std::sync::{Mutex, PoisonError};
 
 use serde::Serialize;
 
-use super::{Kind, Warning, named, percent};
 use crate::sampled::SampledSbrdf;
+use lobelia_base::warning::{Kind, Warning, named, percent};
 
 /// How the samples of one pose fared.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]

@@ -1,10 +1,10 @@
 //! Texels of a fitted map that a person should look at: too few valid samples, and residuals that the noise does not explain.
 
-use super::{Kind, NAMED, Warning, percent};
 use crate::fit::FitOptions;
 use crate::fit::pool::RegionReport;
 use crate::fit::texel::unknowns;
 use crate::reflectance::SbrdfMap;
+use lobelia_base::warning::{Kind, NAMED, Warning, percent};
 
 /// Plane of a map: the residual's RMS over the noise's ([`crate::fit::texel::TexelFit::over_noise`]).
 pub const OVER_NOISE: &str = "error.over_noise";

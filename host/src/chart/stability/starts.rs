@@ -10,11 +10,11 @@ use crate::chart::{Axis, Plot, Section, Series, Table};
 use crate::error::Result;
 use crate::fit::lm::{Freedom, Limits, Optimiser};
 use crate::fit::model::{Model, isotropic_c};
-use crate::fit::random::Random;
 use crate::fit::samples::{Samples, Target};
 use crate::fit::start::{Effort, Problem, Search};
 use crate::fit::{self, AlbedoBound, FitOptions, MOST_LOBES, Residual};
 use crate::progress;
+use crate::random::Random;
 use crate::reflectance::{Brdf, LobeBrdf, Rgb, colour};
 use crate::synth;
 

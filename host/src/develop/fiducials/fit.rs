@@ -10,7 +10,7 @@ use glam::DVec2;
 use super::homography::{Homography, Sensitivity, area, is_convex, module_width};
 use super::pattern::Pattern;
 use super::{Detection, Fit, GrayImage, read};
-use crate::linalg::Normal;
+use lobelia_base::linalg::Normal;
 
 /// Corner coordinates, three of black, three of white, the blur's variance.
 const UNKNOWNS: usize = 15;

@@ -5,7 +5,7 @@ use glam::DVec2;
 use super::family::{MODULES, Word, decode};
 use super::homography::Homography;
 use super::{Detection, GrayImage};
-use crate::linalg::Normal;
+use lobelia_base::linalg::Normal;
 
 /// Modules across, the quiet zone included.
 const GRID: usize = MODULES + 2;

@@ -11,8 +11,8 @@ use super::super::lm::Limits;
 use super::super::model::{Model, ModelLobe};
 use super::super::separable::normal::Amplitudes;
 use super::super::separable::shape::Family;
-use crate::error::Result;
 use crate::render::gpu::Gpu;
+use lobelia_base::error::Result;
 
 /// The shader; constants are put before it.
 const SHADER: &str = concat!(

@@ -6,7 +6,7 @@ use super::super::model::Model;
 use super::super::separable::shape::Family;
 use super::super::separable::start::Effort;
 use super::kernels::{DIRECTIONS, EXPONENTS, Fit, Kernels, Uploaded};
-use crate::error::Result;
+use lobelia_base::error::Result;
 
 /// The sets of shapes that go on, texel by texel.
 pub(super) struct Beam<'a> {

@@ -3,11 +3,11 @@
 use glam::Vec3;
 
 use super::*;
-use crate::fit::random::Random;
 use crate::fit::testing::directions;
 use crate::fit::{Diffuse, Residual, fit_sbrdf};
 use crate::reflectance::{Brdf, LobeBrdf, SbrdfMap};
 use crate::synth;
+use lobelia_base::random::Random;
 
 /// Whether there is a GPU; says so where there is none.
 fn is_there() -> bool {

@@ -2,14 +2,14 @@
 
 use rayon::prelude::*;
 
-use super::super::random::Random;
 use super::super::samples;
 use super::super::weights::Weights;
 use super::regions::Regions;
 use super::{PoolOptions, Source, indices};
-use crate::error::Result;
-use crate::progress;
 use crate::sampled::{SampledSbrdf, Window};
+use lobelia_base::error::Result;
+use lobelia_base::progress;
+use lobelia_base::random::Random;
 
 /// The texels of every region, in order. Of a region that has more than samples allow, as many are drawn among those that have a sample.
 ///

@@ -3,8 +3,8 @@
 use std::path::Path;
 
 use crate::edit::palette;
-use crate::error::{Error, Result};
 use crate::picture_file;
+use lobelia_base::error::{Error, Result};
 
 /// Most regions: as many as an indexed picture has colours.
 pub const MOST_REGIONS: usize = 256;

@@ -5,7 +5,6 @@ use glam::{DVec2, DVec3, Vec3};
 use super::super::coat::Coat;
 use super::super::extensions::{Extensions, Microfacets};
 use super::super::model::{Model, ModelLobe};
-use super::super::random::Random;
 use super::super::samples::{Samples, Target};
 use super::super::testing::{directions, material, measured, samples};
 use super::super::{AlbedoBound, FitOptions, Residual, conserve};
@@ -15,6 +14,7 @@ use super::shape::{self, Family};
 use super::solver::Solver;
 use super::texel::Workspace;
 use crate::reflectance::{Brdf, Lobe, LobeBrdf, Rgb, albedo};
+use lobelia_base::random::Random;
 
 const BOUND: Bound = Bound { albedo: 1.0, fixed: [0.0; CHANNELS] };
 

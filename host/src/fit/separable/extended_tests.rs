@@ -5,7 +5,6 @@ use glam::{DVec2, DVec3, Vec2};
 use super::super::coat::Coat;
 use super::super::extensions::{Extensions, Microfacets};
 use super::super::model::{Model, ModelLobe};
-use super::super::random::Random;
 use super::super::testing::{self, directions, material};
 use super::super::{AlbedoBound, FitOptions, Residual, fit_sbrdf};
 use super::extended::Extension;
@@ -14,6 +13,7 @@ use super::shape::{self, Family};
 use super::solver::Solver;
 use crate::reflectance::{Brdf, Lobe, LobeBrdf, Microfacet, Rgb, SbrdfMap};
 use crate::synth::{self, Options};
+use lobelia_base::random::Random;
 
 fn models() -> Vec<(Family, Model)> {
     let lobe =

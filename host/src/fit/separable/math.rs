@@ -92,8 +92,8 @@ pub const LANES: usize = 8;
 
 #[cfg(test)]
 mod tests {
-    use super::super::super::random::Random;
     use super::*;
+    use lobelia_base::random::Random;
 
     #[test]
     fn ln_and_exp_keep_their_stated_errors() {

@@ -197,7 +197,6 @@ impl Penalty {
 
 #[cfg(test)]
 mod tests {
-    use super::super::super::random::Random;
     use super::super::super::samples::Samples;
     use super::super::super::testing::{directions, measured, relative_error};
     use super::super::super::{AlbedoBound, FitOptions, Residual};
@@ -205,6 +204,7 @@ mod tests {
     use super::*;
     use crate::reflectance::{Lobe, LobeBrdf, Rgb};
     use glam::Vec3;
+    use lobelia_base::random::Random;
 
     fn truth(n: f32) -> LobeBrdf {
         let lobe = Lobe::new(Rgb::new(0.5, 0.4, 0.3), Vec3::new(-1.0, -1.0, 0.95), n);

@@ -2,7 +2,6 @@
 
 use super::super::lm::Limits;
 use super::super::model::{Model, ModelLobe, isotropic_c};
-use super::super::random::Random;
 use super::super::testing::{directions, material, relative_error, samples};
 use super::super::weights::Weights;
 use super::super::{AlbedoBound, FitOptions, Residual, fit_sbrdf};
@@ -19,6 +18,7 @@ use crate::demo::{Size, sample};
 use crate::plan::{self, Extent};
 use crate::reflectance::{Brdf as _, LobeBrdf, SbrdfMap, albedo};
 use crate::sampled::SampledSbrdf;
+use lobelia_base::random::Random;
 
 /// The demo's brocade, or a recipe, as the simulated rig photographs and develops it at a number of poses.
 fn photographed(size: Size, poses: usize, recipe: Option<&str>) -> SampledSbrdf {

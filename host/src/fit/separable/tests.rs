@@ -4,7 +4,6 @@ use glam::DVec3;
 
 use super::super::lm::{Freedom, Limits, Optimiser};
 use super::super::model::{Model, ModelLobe, isotropic_c};
-use super::super::random::Random;
 use super::super::samples::{Samples, Target};
 use super::super::testing::{self, directions, material, measured};
 use super::super::{FitOptions, Residual, fit_sbrdf, start as lm_start};
@@ -18,6 +17,7 @@ use super::start::{Effort, Found, Task};
 use crate::reflectance::{Brdf, Lobe, LobeBrdf, Rgb};
 use crate::sampled::SampledSbrdf;
 use crate::synth::{self, Options};
+use lobelia_base::random::Random;
 
 const EXACT: Limits = Limits { iterations: 200, tolerance: 1e-13 };
 

@@ -82,10 +82,10 @@ mod tests {
     use super::super::super::coat::Coat;
     use super::super::super::lm::Limits;
     use super::super::super::model::ModelLobe;
-    use super::super::super::random::Random;
     use super::super::super::testing::directions;
     use super::*;
     use glam::DVec3;
+    use lobelia_base::random::Random;
 
     #[test]
     fn stated_deviations_are_the_spread_of_noisy_repeats() {

@@ -5,9 +5,9 @@
 //! the spread of the rounds tells how well their mean is known.
 
 use super::{judge, reference};
-use crate::error::Result;
 use crate::render::{Picture, Renderer, compare};
 use crate::scene::{Camera, Scene};
+use lobelia_base::error::Result;
 
 /// Samples a pixel of a picture that judges: so few, since the mean is over many pixels.
 const SAMPLES: u32 = 2;
@@ -95,7 +95,7 @@ fn verdict(estimates: &[f64], bound: f64) -> (f64, Option<bool>) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::fit::random::Random;
+    use lobelia_base::random::Random;
 
     #[test]
     fn nothing_is_decided_by_few_rounds_or_at_the_bound_and_nan_is_no_picture() {

@@ -6,9 +6,9 @@ use glam::{Vec3, Vec4};
 use wgpu::BufferUsages;
 
 use super::source::{Cap, Source};
-use crate::error::Result;
 use crate::render::gpu::Gpu;
 use crate::scene::Environment;
+use lobelia_base::error::Result;
 
 /// The shader.
 const SHADER: &str = include_str!("../../../../shaders/prefilter.wgsl");

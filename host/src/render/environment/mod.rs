@@ -34,12 +34,12 @@ use super::materials::{AimedMicrofacet, Materials, Shader};
 use super::sampler::{self, hash};
 use super::shading::{self, Lamp, Rays};
 use super::{Cost, Prepared, Renderer, Rendering, lights, math};
-use crate::error::{Error, Result};
 use crate::reflectance::Rgb;
 use crate::scene::{Camera, Environment, Scene};
 use coats::{Coats, Part};
 use harmonics::Harmonics;
 use horizon::{Clipped, Horizon};
+use lobelia_base::error::{Error, Result};
 use spectrum::Spectrum;
 
 /// How to prefilter and to draw.

@@ -7,12 +7,12 @@ use glam::Vec4;
 use wgpu::BufferUsages;
 
 use super::{Coats, Horizon, Light, Settings};
-use crate::error::Result;
 use crate::render::Prepared;
 use crate::render::gpu::Gpu;
 use crate::render::lights::{self, Distant, Lights};
 use crate::render::materials::Materials;
 use crate::scene::Scene;
+use lobelia_base::error::Result;
 
 /// What the raster adds to shaders/lights.wgsl.
 const SHADER: &str = include_str!("../../../../shaders/environment.wgsl");

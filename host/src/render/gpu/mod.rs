@@ -7,7 +7,7 @@ use bytemuck::Pod;
 use glam::Vec4;
 use wgpu::util::DeviceExt;
 
-use crate::error::{Error, Result};
+use lobelia_base::error::{Error, Result};
 
 /// A device that is ready for work.
 pub(crate) struct Gpu {

@@ -7,7 +7,6 @@ use rayon::prelude::*;
 
 use super::footprint::Footprint;
 use super::{Filtering, Settings};
-use crate::error::Result;
 use crate::reflectance::Rgb;
 use crate::render::bvh::Hit;
 use crate::render::geometry::{Geometry, Surface};
@@ -16,6 +15,7 @@ use crate::render::materials::{Materials, PackedLobe, Shader};
 use crate::render::sampler::hash;
 use crate::render::shading::{self, Lamp, Rays, Seen};
 use crate::scene::Scene;
+use lobelia_base::error::Result;
 
 /// Renders a scene's lights on the CPU, one sample a pixel.
 ///

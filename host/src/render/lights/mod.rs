@@ -21,10 +21,10 @@ use super::shading::{self, Rays};
 use super::storage::Storage;
 use super::{Cost, Prepared, Renderer, Rendering};
 use crate::edit::levels;
-use crate::error::{Error, Result};
 use crate::fit::mip;
 use crate::reflectance::SbrdfMap;
 use crate::scene::{Camera, Reflectance, Scene};
+use lobelia_base::error::{Error, Result};
 use upload::Uploads;
 
 /// What a pixel takes of a texture that is smaller than it should be (stability case G14).

@@ -8,11 +8,11 @@ use wgpu::{BufferUsages, TextureFormat, TextureUsages};
 
 use super::upload::{Uploads, View};
 use super::{Distant, Filtering, Settings};
-use crate::error::{Error, Result};
 use crate::render::gpu::Gpu;
 use crate::render::storage::Storage;
-use crate::report::cpu_seconds;
 use crate::scene::Camera;
+use lobelia_base::error::{Error, Result};
+use lobelia_base::report::cpu_seconds;
 
 /// Seconds that a round of frames may take.
 const ROUND_SECONDS: f64 = 2.0;

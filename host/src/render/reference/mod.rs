@@ -21,10 +21,10 @@ use super::image::Picture;
 use super::sampler::hash;
 use super::shading::Rays;
 use super::{Cost, Prepared, Renderer, Rendering, compare};
-use crate::error::{Error, Result};
-use crate::progress;
 use crate::scene::{Camera, Scene};
 use budget::{Clock, Deadline};
+use lobelia_base::error::{Error, Result};
+use lobelia_base::progress;
 use trace::{Numbers, PARTS, Shaders, Traced, Tracer};
 
 /// Passes before a budget of time or error is looked at: variance needs more than one.

@@ -6,7 +6,7 @@ use lobelia_protocol::{Axis, Fault, schema};
 use proptest::prelude::*;
 
 use super::*;
-use crate::error::Kind;
+use lobelia_base::error::Kind;
 
 fn connected(config: &MechanicsConfig) -> (SimulatedRig, RigClient) {
     let rig = SimulatedRig::new(config);

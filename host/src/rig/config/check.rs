@@ -6,7 +6,7 @@ use std::ops::RangeInclusive;
 use lobelia_protocol::EXPOSURE_US;
 
 use super::{AXIS_NAMES, Axis, Driver, End, RigConfig};
-use crate::error::{Error, Result};
+use lobelia_base::error::{Error, Result};
 
 /// Tags of the family 36h11 that are known: ids below this.
 const KNOWN_TAGS: u32 = 48;

@@ -9,10 +9,10 @@ use lobelia_protocol::{
     Status, ToController, ToHost,
 };
 
-use crate::error::Error;
 use crate::rig::client::new_session;
 use crate::rig::port::Port;
 use crate::rig::wire::Wire;
+use lobelia_base::error::Error;
 
 /// After this long without a word a request is sent again.
 const PATIENCE: Duration = Duration::from_millis(300);

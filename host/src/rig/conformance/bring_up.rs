@@ -5,8 +5,8 @@ use std::fmt;
 use lobelia_protocol::{AXES, Axis, Command, Configuration, Status};
 
 use super::bench::{Bench, Result as Checked, Trouble, ensure};
-use crate::error::{Error, Result};
 use crate::rig::port::Port;
+use lobelia_base::error::{Error, Result};
 
 /// The lamp's level in its check, of 65535: enough to be seen.
 const DIM: u16 = 6554;

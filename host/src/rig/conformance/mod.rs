@@ -13,9 +13,9 @@ mod session;
 
 use lobelia_protocol::{Command, Configuration};
 
-use crate::error::{Error, Result};
 use crate::rig::port::Port;
 use bench::{Bench, Trouble};
+use lobelia_base::error::{Error, Result};
 
 /// What came of a check.
 #[derive(Debug, Clone, PartialEq, Eq)]

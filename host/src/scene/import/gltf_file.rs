@@ -8,8 +8,8 @@ use glam::{DMat3, DMat4, DQuat, DVec3, Vec2};
 
 use super::gltf_accessor;
 use super::gltf_json::{self, Document, Node, Primitive};
-use crate::error::{Error, Result};
 use crate::scene::mesh::{Corner, RawMesh};
+use lobelia_base::error::{Error, Result};
 
 /// Instances of a mesh at most: they are all made triangles.
 const MOST_TRIANGLES: usize = 1 << 28;

@@ -5,7 +5,7 @@ use std::path::Path;
 use base64::Engine;
 use serde::Deserialize;
 
-use crate::error::{Error, Result};
+use lobelia_base::error::{Error, Result};
 
 /// Extensions that a file may need: each is understood here, or has nothing to do with a mesh's shape.
 const KNOWN_EXTENSIONS: [&str; 2] = ["EXT_mesh_gpu_instancing", "KHR_mesh_quantization"];

@@ -13,7 +13,7 @@ use std::path::Path;
 use glam::DVec3;
 
 use super::mesh::Mesh;
-use crate::error::{Error, Result};
+use lobelia_base::error::{Error, Result};
 
 impl Mesh {
     /// Reads every triangle of a `.gltf`, `.glb`, `.obj` or `.ply` file into one mesh, and what its positions are relative to: 0, or the

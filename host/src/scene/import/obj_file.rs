@@ -6,8 +6,8 @@ use std::path::Path;
 use glam::{DVec3, Vec2};
 
 use super::polygon;
-use crate::error::{Error, Result};
 use crate::scene::mesh::{Corner, RawMesh};
+use lobelia_base::error::{Error, Result};
 
 /// Reads all faces.
 pub(super) fn read(path: &Path) -> Result<RawMesh> {

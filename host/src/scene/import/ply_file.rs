@@ -7,8 +7,8 @@ use glam::{DVec3, Vec2};
 
 use super::ply_header::{Element, Header, Source};
 use super::polygon;
-use crate::error::{Error, Result};
 use crate::scene::mesh::{Corner, RawMesh};
+use lobelia_base::error::{Error, Result};
 
 /// Names of texture coordinates of vertices.
 const UV_NAMES: [[&str; 2]; 3] = [["u", "v"], ["s", "t"], ["texture_u", "texture_v"]];

@@ -134,7 +134,7 @@ fn two_digits(value: f64) -> String {
 }
 
 /// A duration, given in seconds, in the unit that suits it.
-pub(crate) fn duration(seconds: f64) -> String {
+pub fn duration(seconds: f64) -> String {
     match seconds {
         s if s < 120.0 => format!("{s:.0} s"),
         s if s < 7200.0 => format!("{:.0} min", s / 60.0),

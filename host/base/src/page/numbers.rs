@@ -1,7 +1,7 @@
 //! Numbers for people: sensible digits, units, true minus signs.
 
 /// A value with this many significant digits; very small and very large ones as powers of ten, what is no number as a dash.
-pub(crate) fn significant(value: f64, digits: usize) -> String {
+pub fn significant(value: f64, digits: usize) -> String {
     if !value.is_finite() {
         return "–".into();
     }
@@ -21,7 +21,7 @@ pub(crate) fn significant(value: f64, digits: usize) -> String {
 }
 
 /// A value without trailing zeros, for the ticks of an axis.
-pub(crate) fn tick(value: f64) -> String {
+pub fn tick(value: f64) -> String {
     let text = significant(value, 3);
     let (mantissa, power) = text.split_once(" × ").map_or((text.as_str(), None), |(m, p)| (m, Some(p)));
     let short =
@@ -34,7 +34,7 @@ pub(crate) fn tick(value: f64) -> String {
 }
 
 /// The ticks of one axis: positive values of about the same size with the same number of decimals.
-pub(crate) fn ticks(values: &[f64]) -> Vec<String> {
+pub fn ticks(values: &[f64]) -> Vec<String> {
     let texts: Vec<String> = values.iter().map(|&value| tick(value)).collect();
     let (low, high) = values.iter().fold((f64::MAX, 0f64), |(low, high), &v| (low.min(v), high.max(v)));
     let alike = high < 5.0 * low;
@@ -48,7 +48,7 @@ pub(crate) fn ticks(values: &[f64]) -> Vec<String> {
 }
 
 /// A whole number in groups of three, narrow spaces between.
-pub(crate) fn count(value: usize) -> String {
+pub fn count(value: usize) -> String {
     let digits = value.to_string();
     let mut grouped = String::new();
     for (place, digit) in digits.chars().enumerate() {
@@ -61,13 +61,13 @@ pub(crate) fn count(value: usize) -> String {
 }
 
 /// A duration in seconds, to a hundredth below ten.
-pub(crate) fn seconds(value: f64) -> String {
+pub fn seconds(value: f64) -> String {
     let decimals = if value < 9.995 { 2 } else { 1 };
     format!("{value:.decimals$}\u{202f}s")
 }
 
 /// Memory in MiB or GiB; a dash when it is not known.
-pub(crate) fn bytes(value: u64) -> String {
+pub fn bytes(value: u64) -> String {
     let mib = value as f64 / (1 << 20) as f64;
     match value {
         0 => "–".into(),
@@ -77,12 +77,12 @@ pub(crate) fn bytes(value: u64) -> String {
 }
 
 /// A share in per cent.
-pub(crate) fn percent(value: f64) -> String {
+pub fn percent(value: f64) -> String {
     if value.is_finite() { format!("{}\u{202f}%", significant(100.0 * value, 2)) } else { "–".into() }
 }
 
 /// An angle given in radians, in whole degrees.
-pub(crate) fn degrees(radians: f64) -> String {
+pub fn degrees(radians: f64) -> String {
     let whole = radians.to_degrees().round();
     if whole < 0.0 { format!("−{:.0}°", -whole) } else { format!("{:.0}°", whole.abs()) }
 }

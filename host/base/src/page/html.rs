@@ -9,27 +9,27 @@ use super::scale::Scale;
 use crate::error::{Error, Result};
 
 /// Text with the characters that HTML reserves written out.
-pub(crate) fn escape(text: &str) -> String {
+pub fn escape(text: &str) -> String {
     text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
 }
 
 /// A PNG file as an address that needs no other file.
-pub(crate) fn data_uri(png: &[u8]) -> String {
+pub fn data_uri(png: &[u8]) -> String {
     format!("data:image/png;base64,{}", STANDARD.encode(png))
 }
 
 /// A picture; `class` decides how it is scaled.
-pub(crate) fn picture(png: &[u8], alt: &str, class: &str) -> String {
+pub fn picture(png: &[u8], alt: &str, class: &str) -> String {
     format!("<img class=\"{class}\" alt=\"{}\" src=\"{}\">", escape(alt), data_uri(png))
 }
 
 /// A figure of any content with a caption that is HTML already.
-pub(crate) fn figure(content: &str, caption: &str) -> String {
+pub fn figure(content: &str, caption: &str) -> String {
     format!("<figure>{content}<figcaption>{caption}</figcaption></figure>\n")
 }
 
 /// A section with its heading and the sentence under it, which is HTML already.
-pub(crate) fn section(id: &str, heading: &str, lead: &str, content: &str) -> String {
+pub fn section(id: &str, heading: &str, lead: &str, content: &str) -> String {
     format!(
         "<section id=\"{id}\">\n<h2>{}</h2>\n<p class=\"lead\">{lead}</p>\n{content}</section>\n",
         escape(heading)
@@ -37,7 +37,7 @@ pub(crate) fn section(id: &str, heading: &str, lead: &str, content: &str) -> Str
 }
 
 /// A colour bar with ticks and unit.
-pub(crate) fn colour_bar(map: ColourMap, scale: &Scale, unit: &str, most_ticks: usize) -> String {
+pub fn colour_bar(map: ColourMap, scale: &Scale, unit: &str, most_ticks: usize) -> String {
     let values = scale.ticks(most_ticks);
     let place = |(value, text): (&f64, String)| {
         format!("<span style=\"left:{:.1}%\">{text}</span>", 100.0 * scale.place(*value))
@@ -51,18 +51,18 @@ pub(crate) fn colour_bar(map: ColourMap, scale: &Scale, unit: &str, most_ticks: 
 }
 
 /// Pixels of a picture, red, green, blue and opacity.
-pub(crate) struct Raster {
+pub struct Raster {
     /// Pixels a row.
-    pub(crate) width: usize,
+    pub width: usize,
     /// Rows.
-    pub(crate) height: usize,
+    pub height: usize,
     /// Row by row from the top.
-    pub(crate) pixels: Vec<[u8; 4]>,
+    pub pixels: Vec<[u8; 4]>,
 }
 
 impl Raster {
     /// Opaque pixels, one for each index.
-    pub(crate) fn opaque(width: usize, height: usize, colour: impl Fn(usize) -> [u8; 3]) -> Self {
+    pub fn opaque(width: usize, height: usize, colour: impl Fn(usize) -> [u8; 3]) -> Self {
         let opaque = |k: usize| {
             let [r, g, b] = colour(k);
             [r, g, b, 255]
@@ -71,7 +71,7 @@ impl Raster {
     }
 
     /// Values through a colour map; what is not finite stays transparent.
-    pub(crate) fn mapped(width: usize, values: &[f32], scale: &Scale, map: ColourMap) -> Self {
+    pub fn mapped(width: usize, values: &[f32], scale: &Scale, map: ColourMap) -> Self {
         let pixel = |&value: &f32| {
             let [r, g, b] = map.at(scale.place(f64::from(value)));
             if value.is_finite() { [r, g, b, 255] } else { [0; 4] }
@@ -83,7 +83,7 @@ impl Raster {
     ///
     /// # Errors
     /// When the encoder refuses the size.
-    pub(crate) fn png(&self) -> Result<Vec<u8>> {
+    pub fn png(&self) -> Result<Vec<u8>> {
         use image::ExtendedColorType::{L8, Rgb8, Rgba8};
         let opaque = self.pixels.iter().all(|pixel| pixel[3] == 255);
         let grey = opaque && self.pixels.iter().all(|[r, g, b, _]| r == g && g == b);

@@ -2,7 +2,7 @@
 
 /// A colour map by its equidistant stops, blended linearly.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum ColourMap {
+pub enum ColourMap {
     /// Perceptually uniform, dark to bright.
     Viridis,
     /// Blue below the middle, white there, red above.
@@ -42,7 +42,7 @@ impl ColourMap {
     }
 
     /// The colour at 0..1; values outside take the nearest end, NaN the first stop.
-    pub(crate) fn at(self, t: f64) -> [u8; 3] {
+    pub fn at(self, t: f64) -> [u8; 3] {
         let stops = self.stops();
         let place = t.clamp(0.0, 1.0) * (stops.len() - 1) as f64;
         let below = (place as usize).min(stops.len() - 2);
@@ -54,7 +54,7 @@ impl ColourMap {
     }
 
     /// The map as a CSS gradient from left to right.
-    pub(crate) fn css(self) -> String {
+    pub fn css(self) -> String {
         let stops = self.stops().iter().map(|[r, g, b]| format!("#{r:02x}{g:02x}{b:02x}"));
         format!("linear-gradient(to right,{})", stops.collect::<Vec<_>>().join(","))
     }

@@ -4,8 +4,8 @@ use std::fmt::Write as _;
 
 use serde::Serialize;
 
-use crate::page::scale::Scale;
-use crate::page::{html, numbers};
+use super::scale::Scale;
+use super::{html, numbers};
 
 /// Size of a drawing.
 const SIZE: [f64; 2] = [560.0, 400.0];

@@ -2,24 +2,24 @@
 
 /// A range of values, laid out linearly or by their logarithm.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) struct Scale {
+pub struct Scale {
     /// Lowest value.
-    pub(crate) low: f64,
+    pub low: f64,
     /// Highest value.
-    pub(crate) high: f64,
+    pub high: f64,
     /// Whether by the logarithm; then both ends are above 0.
-    pub(crate) log: bool,
+    pub log: bool,
 }
 
 impl Scale {
     /// A linear scale; an empty range is widened.
-    pub(crate) fn linear(low: f64, high: f64) -> Self {
+    pub fn linear(low: f64, high: f64) -> Self {
         let widen = if high > low { 0.0 } else { (0.05 * low.abs()).max(0.01) };
         Self { low: low - widen, high: high + widen, log: false }
     }
 
     /// A logarithmic scale; an empty range is widened, and values at or below 0 give way to a small one.
-    pub(crate) fn log(low: f64, high: f64) -> Self {
+    pub fn log(low: f64, high: f64) -> Self {
         let high = if high > 0.0 { high } else { 1.0 };
         let low = if low > 0.0 { low.min(high) } else { high * 1e-3 };
         let widen = if high / low > 1.02 { 1.0 } else { 1.25 };
@@ -27,13 +27,13 @@ impl Scale {
     }
 
     /// The scale that holds all `values` from one percentile to another, leaving out what is not finite.
-    pub(crate) fn of(values: &[f32], low: f64, high: f64, log: bool) -> Self {
+    pub fn of(values: &[f32], low: f64, high: f64, log: bool) -> Self {
         let (low, high) = (quantile(values, low), quantile(values, high));
         if log { Self::log(low, high) } else { Self::linear(low, high) }
     }
 
     /// Widened to values 1, 2 or 5 times a power of ten.
-    pub(crate) fn rounded(self) -> Self {
+    pub fn rounded(self) -> Self {
         let round = |value: f64, up: bool| {
             let decade = 10f64.powf(value.log10().floor());
             let steps = [1.0, 2.0, 5.0, 10.0].map(|step| step * decade);
@@ -45,7 +45,7 @@ impl Scale {
     }
 
     /// Where a value lies, 0 at the low end and 1 at the high one; beyond outside.
-    pub(crate) fn place(&self, value: f64) -> f64 {
+    pub fn place(&self, value: f64) -> f64 {
         if self.log {
             (value.max(f64::MIN_POSITIVE) / self.low).ln() / (self.high / self.low).ln()
         } else {
@@ -54,7 +54,7 @@ impl Scale {
     }
 
     /// Round values in the range, at most about `most`.
-    pub(crate) fn ticks(&self, most: usize) -> Vec<f64> {
+    pub fn ticks(&self, most: usize) -> Vec<f64> {
         if !self.log {
             return linear_ticks(self.low, self.high, most);
         }
@@ -94,7 +94,7 @@ fn linear_ticks(low: f64, high: f64, most: usize) -> Vec<f64> {
 }
 
 /// The value below which this share (0..1) of the finite `values` lies; NaN without any.
-pub(crate) fn quantile(values: &[f32], share: f64) -> f64 {
+pub fn quantile(values: &[f32], share: f64) -> f64 {
     let mut sorted: Vec<f32> = values.iter().copied().filter(|value| value.is_finite()).collect();
     sorted.sort_by(f32::total_cmp);
     let index = (share * sorted.len().saturating_sub(1) as f64).round() as usize;
@@ -103,14 +103,14 @@ pub(crate) fn quantile(values: &[f32], share: f64) -> f64 {
 
 /// How many values fall into each of equal bins of a scale.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub(crate) struct Histogram {
+pub struct Histogram {
     /// Number of values a bin; those outside of the scale count in the end bins, NaN nowhere.
-    pub(crate) counts: Vec<usize>,
+    pub counts: Vec<usize>,
 }
 
 impl Histogram {
     /// Counts `values` in `bins` equal parts of the scale.
-    pub(crate) fn new(values: impl IntoIterator<Item = f64>, scale: &Scale, bins: usize) -> Self {
+    pub fn new(values: impl IntoIterator<Item = f64>, scale: &Scale, bins: usize) -> Self {
         let mut counts = vec![0; bins];
         for value in values.into_iter().filter(|value| value.is_finite()) {
             let bin = (scale.place(value) * bins as f64).max(0.0) as usize;
@@ -120,7 +120,7 @@ impl Histogram {
     }
 
     /// The fullest bin.
-    pub(crate) fn most(&self) -> usize {
+    pub fn most(&self) -> usize {
         self.counts.iter().copied().max().unwrap_or(0)
     }
 }

@@ -3,8 +3,8 @@
 use std::io::Write;
 use std::path::Path;
 
+use crate::durable;
 use crate::error::{Error, Result};
-use crate::reflectance::durable;
 
 /// Writes a file through `fill`, and the folders that it lacks; a process killed at any moment leaves the old file or the new one.
 ///

@@ -2,7 +2,7 @@
 
 use serde::Serialize;
 
-use crate::page::{html, numbers};
+use super::{html, numbers};
 
 /// Significant digits of numbers that are shown; JSON has them all.
 const DIGITS: usize = 3;
@@ -57,16 +57,6 @@ impl Cell {
     }
 }
 
-/// The number of a cell.
-#[cfg(test)]
-pub(super) fn number(cell: &Cell) -> Option<f64> {
-    match cell {
-        Cell::Text(_) => None,
-        Cell::Count(count) => Some(*count as f64),
-        Cell::Number(number) => Some(*number),
-    }
-}
-
 /// Rows under named columns.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Table {
@@ -93,7 +83,7 @@ impl Table {
     }
 
     /// The table as HTML.
-    pub(crate) fn html(&self) -> String {
+    pub fn html(&self) -> String {
         let class = |column| if self.numeric(column) { " class=\"number\"" } else { "" };
         let line = |tag: &str, texts: Vec<String>| {
             let cells = texts

@@ -3,8 +3,6 @@
 use std::fmt;
 use std::path::Path;
 
-use crate::reflectance::FormatError;
-
 /// An error with a sentence for the user: what is wrong, where (file, line, pose, texel) and what to do.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Error {
@@ -49,7 +47,7 @@ impl Error {
     }
 
     /// A file that is not what it should be; the sentence names it.
-    pub fn format(error: FormatError) -> Self {
+    pub fn format(error: impl fmt::Display) -> Self {
         Self::input(error.to_string())
     }
 

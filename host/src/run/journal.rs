@@ -8,8 +8,8 @@ use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
 
-use crate::error::{Error, Result};
-use crate::reflectance::durable;
+use lobelia_base::durable;
+use lobelia_base::error::{Error, Result};
 
 /// Name of the journal in a run's folder.
 pub const FILE_NAME: &str = "journal.jsonl";
