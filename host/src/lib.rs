@@ -14,13 +14,10 @@ pub mod demo;
 pub mod develop;
 pub mod edit;
 pub mod fit;
-mod picture_file;
 pub mod plan;
-mod radiance_file;
 pub mod render;
 pub mod rig;
 pub mod run;
-pub mod sampled;
 pub mod scene;
 pub mod synth;
 pub mod warning;
@@ -30,3 +27,4 @@ pub use lobelia_base::{
     provenance, random, report, toml_file,
 };
 pub use lobelia_reflectance as reflectance;
+pub use lobelia_reflectance::{distance, mip, sampled};

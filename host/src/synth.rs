@@ -4,10 +4,10 @@ use glam::{DVec3, Vec3};
 use half::f16;
 use rayon::prelude::*;
 
-use crate::plan::choose::{MAX_THETA_I_DEG, MAX_THETA_O_DEG};
-use crate::reflectance::{Lobe, LobeBrdf, Rgb};
-use crate::sampled::{PoseGeometry, SampledSbrdf};
 use lobelia_base::random::Random;
+use lobelia_reflectance::distance::{MAX_THETA_I_DEG, MAX_THETA_O_DEG};
+use lobelia_reflectance::sampled::{PoseGeometry, SampledSbrdf};
+use lobelia_reflectance::{Lobe, LobeBrdf, Rgb};
 
 /// Distance of light and camera from the sample's centre, mm.
 pub const DISTANCE_MM: f64 = 1000.0;
@@ -120,7 +120,7 @@ fn colour(random: &mut Random, low: f64, high: f64) -> Rgb {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::reflectance::{Brdf, materials};
+    use lobelia_reflectance::{Brdf, materials};
 
     fn options(noise: f64, relative_noise: f64) -> Options {
         Options { width: 12, height: 9, texel_mm: 0.5, poses: 200, noise, relative_noise, seed: 7 }

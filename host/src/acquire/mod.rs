@@ -6,10 +6,10 @@ use std::time::Duration;
 
 use crate::develop::frame::{self, RawFrame};
 use crate::warning::frames;
-use crate::warning::samples::PoseSamples;
 use lobelia_base::error::{Error, Result};
 use lobelia_base::interrupt::interrupted;
 use lobelia_base::progress;
+use lobelia_reflectance::warning::samples::PoseSamples;
 
 pub mod camera;
 mod check;

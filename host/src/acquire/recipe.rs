@@ -7,11 +7,11 @@ use glam::{Vec2, Vec3};
 use lobelia_hil_sim::optics::{Material, Pattern, SampleLayout};
 use serde::{Deserialize, Serialize};
 
-use crate::reflectance::table::{InterpolatedBrdf, MeasuredTable};
-use crate::reflectance::{Lobe, LobeBrdf, Microfacet, Rgb, materials};
 use crate::rig::config::Carrier;
 use lobelia_base::error::{Error, Result};
 use lobelia_base::toml_file;
+use lobelia_reflectance::table::{InterpolatedBrdf, MeasuredTable};
+use lobelia_reflectance::{Lobe, LobeBrdf, Microfacet, Rgb, materials};
 
 /// A sample: materials and their pattern.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -267,7 +267,7 @@ mod tests {
 
     #[test]
     fn lobes_and_published_materials_lie_where_the_pattern_says() {
-        use crate::reflectance::Brdf;
+        use lobelia_reflectance::Brdf;
         let text = "[pattern]\nkind = \"stripes\"\nwidth_mm = 32\n[[material]]\npublished = \"felt\"\n[[material]]\n\
                     rho_d = [0.1, 0.2, 0.3]\nlobe = [{ rho_s = [1, 1, 1], c = [-1, -1, 1], n = 20 }]\n";
         let recipe: Recipe = toml_file::parse(text, "m.toml").unwrap();

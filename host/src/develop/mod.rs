@@ -12,11 +12,13 @@ use crate::rig::config::RigConfig;
 use crate::rig::geometry::pose_geometry;
 use crate::run::RunFolder;
 use crate::run::journal::{ExposureRecord, Record};
-use crate::sampled::{Attributes, CLIPPED_KEY, PoseGeometry, SampledSbrdf, Window, texel_position_mm};
-use crate::warning::samples::PoseSamples;
 use lobelia_base::error::{Error, Result};
 use lobelia_base::memory;
 use lobelia_base::progress;
+use lobelia_reflectance::sampled::{
+    Attributes, CLIPPED_KEY, PoseGeometry, SampledSbrdf, Window, texel_position_mm,
+};
+use lobelia_reflectance::warning::samples::PoseSamples;
 
 pub mod camera;
 pub mod fiducials;

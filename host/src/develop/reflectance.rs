@@ -3,7 +3,7 @@
 use glam::DVec3;
 
 use crate::rig::config::RigConfig;
-use crate::sampled::PoseGeometry;
+use lobelia_reflectance::sampled::PoseGeometry;
 
 /// Irradiance divided by the lamp's radiance at a point of the sample's plane, sr: cosθ_i dω_i with dω_i = A_s / r²
 /// (3.10). Zero when the light is below the plane.

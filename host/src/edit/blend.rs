@@ -10,7 +10,7 @@ use rayon::prelude::*;
 use super::pairs::Pairs;
 use crate::fit::texel::{self, Workspace};
 use crate::fit::{self, FitOptions};
-use crate::reflectance::{Brdf, Lobe, LobeBrdf, Rgb};
+use lobelia_reflectance::{Brdf, Lobe, LobeBrdf, Rgb};
 
 /// Pairs of directions that a blend is fitted to.
 pub const PAIRS: usize = 768;

@@ -9,10 +9,10 @@ use rayon::prelude::*;
 use super::blend::blend;
 use super::pairs::{Pairs, squared_distance};
 use crate::fit::texel::Workspace;
-use crate::reflectance::{LobeBrdf, SbrdfMap};
 use lobelia_base::error::{Error, Result};
 use lobelia_base::progress;
 use lobelia_base::random::Random;
+use lobelia_reflectance::{LobeBrdf, SbrdfMap};
 
 /// Most BRDFs of a palette: an index is a byte.
 pub const MOST: usize = 256;
@@ -167,8 +167,8 @@ fn lloyd(texels: &[Vec<f32>], mut centres: Vec<Vec<f32>>) -> Vec<Vec<f32>> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::reflectance::{Lobe, Rgb};
     use glam::Vec3;
+    use lobelia_reflectance::{Lobe, Rgb};
 
     fn material(rho_d: Rgb, n: f32) -> LobeBrdf {
         let lobe = Lobe::new(Rgb::splat(0.4), Vec3::new(-1.0, -1.0, 1.0), n);

@@ -5,9 +5,9 @@ use rayon::prelude::*;
 use super::blend::{Blend, blend};
 use super::picture::Mask;
 use crate::fit::texel::Workspace;
-use crate::reflectance::{LobeBrdf, SbrdfMap};
 use lobelia_base::error::{Error, Result};
 use lobelia_base::progress;
+use lobelia_reflectance::{LobeBrdf, SbrdfMap};
 
 /// `base` where the mask is black, `over` where it is white, blended by reflectance in between; map, and the largest relative
 /// error of a blend. The three have one size.
@@ -46,8 +46,8 @@ pub fn mean(map: &SbrdfMap, mask: Option<&Mask>, lobes: usize) -> Result<Blend> 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::reflectance::{Brdf, Lobe, Rgb};
     use glam::Vec3;
+    use lobelia_reflectance::{Brdf, Lobe, Rgb};
 
     fn texel(rho_d: f32, rho_s: f32, n: f32) -> LobeBrdf {
         let lobe = Lobe::new(Rgb::splat(rho_s), Vec3::new(-1.0, -1.0, 0.9), n);

@@ -5,8 +5,8 @@ use glam::DVec3;
 
 use super::gather;
 use super::picture::Photo;
-use crate::reflectance::{Rgb, SbrdfMap};
 use lobelia_base::error::{Error, Result};
+use lobelia_reflectance::{Rgb, SbrdfMap};
 
 /// The map with ρ_d from the photograph, scaled channel by channel so that the mean ρ_d stays. A photograph of k times the map's
 /// size in both directions gives a map of the photograph's size, each texel's lobes repeated k × k times.
@@ -47,7 +47,7 @@ fn mean(colours: &[Rgb]) -> DVec3 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::reflectance::{LobeBrdf, materials};
+    use lobelia_reflectance::{LobeBrdf, materials};
 
     fn map() -> SbrdfMap {
         let texels = ["clay", "felt"].map(|name| materials::published(name).unwrap());

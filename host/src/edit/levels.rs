@@ -1,14 +1,14 @@
 //! MIP levels of a map whose samples are not at hand: fitted to the reflectance averaged over a level's texels (chapter 5), or, to
-//! compare with, by averaging coefficients. [`crate::fit::mip`] says which texels a level's texel stands for.
+//! compare with, by averaging coefficients. [`lobelia_reflectance::mip`] says which texels a level's texel stands for.
 
 use glam::Vec3;
 use rayon::prelude::*;
 
 use super::blend::blend;
-use crate::fit::mip;
 use crate::fit::texel::Workspace;
-use crate::reflectance::{Lobe, LobeBrdf, Microfacet, Rgb, SbrdfMap};
 use lobelia_base::progress;
+use lobelia_reflectance::mip;
+use lobelia_reflectance::{Lobe, LobeBrdf, Microfacet, Rgb, SbrdfMap};
 
 /// The texels of a map that a level's texel stands for.
 pub fn beneath(map: &SbrdfMap, level: u32, texel: usize) -> Vec<LobeBrdf> {
@@ -90,7 +90,7 @@ pub fn average(parts: &[(f32, &LobeBrdf)]) -> LobeBrdf {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::reflectance::Rgb;
+    use lobelia_reflectance::Rgb;
 
     #[test]
     fn a_level_stands_for_its_texels_and_for_those_that_the_edge_leaves() {

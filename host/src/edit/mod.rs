@@ -14,8 +14,8 @@ pub mod photo;
 pub mod picture;
 pub mod tile;
 
-use crate::reflectance::{LobePlane, MicrofacetPlane, SbrdfMap};
 use lobelia_base::error::{Error, Result};
+use lobelia_reflectance::{LobePlane, MicrofacetPlane, SbrdfMap};
 
 /// The plane of a map that says where its material is: 1 there, 0 where it is cut out.
 pub const ALPHA: &str = "alpha";
@@ -79,7 +79,7 @@ pub fn same_size(names: [&str; 2], first: (usize, usize), second: (usize, usize)
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::reflectance::materials;
+    use lobelia_reflectance::materials;
 
     #[test]
     fn gathered_texels_keep_their_coefficients_and_planes_and_edits_are_noted_in_order() {

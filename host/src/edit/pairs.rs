@@ -9,7 +9,7 @@ use std::f32::consts::{PI, TAU};
 
 use glam::{Vec2, Vec3, Vec4};
 
-use crate::reflectance::{Brdf, Lobe, LobeBrdf, Rgb, lobe::into_lobe_frame};
+use lobelia_reflectance::{Brdf, Lobe, LobeBrdf, Rgb, lobe::into_lobe_frame};
 
 /// Most lobes that the viewer's directions follow.
 const MOST_LOBES: usize = 128;
@@ -148,7 +148,7 @@ pub fn squared_distance(a: &[f32], b: &[f32]) -> f32 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::reflectance::materials;
+    use lobelia_reflectance::materials;
 
     /// Phong's lobe with the given exponent.
     fn phong(n: f32) -> LobeBrdf {

@@ -11,10 +11,10 @@ use glam::Vec3;
 use serde::Deserialize;
 
 use super::pairs::Pairs;
-use crate::reflectance::{Lobe, LobeBrdf, Rgb, SbrdfMap, colour};
 use lobelia_base::error::{Error, Result};
 use lobelia_base::files;
 use lobelia_base::toml_file;
+use lobelia_reflectance::{Lobe, LobeBrdf, Rgb, SbrdfMap, colour};
 
 /// Pairs of directions for a swatch.
 const PAIRS: usize = 256;
@@ -159,7 +159,7 @@ pub fn write_index(path: &Path, width: usize, height: usize, index: &[u8], entri
 /// # Errors
 /// Input errors: a file that is no picture, or a pixel whose colour is no swatch.
 pub fn apply(index: &Path, entries: &[Entry]) -> Result<SbrdfMap> {
-    let image = crate::picture_file::decode(index)?.to_rgb8();
+    let image = lobelia_reflectance::picture_file::decode(index)?.to_rgb8();
     let (width, height) = (image.width() as usize, image.height() as usize);
     let lobes = entries.iter().map(|entry| entry.brdf.lobes.len()).max().unwrap_or(0);
     let mut map = SbrdfMap::new(width, height, lobes);
@@ -181,7 +181,7 @@ pub fn apply(index: &Path, entries: &[Entry]) -> Result<SbrdfMap> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::reflectance::materials;
+    use lobelia_reflectance::materials;
 
     fn entries() -> Vec<Entry> {
         let brdfs = ["clay", "felt", "clay"].map(|name| materials::published(name).unwrap().rotated(0.1));

@@ -6,9 +6,9 @@ use std::f32::consts::PI;
 use glam::Vec3;
 
 use super::picture::Photo;
-use crate::reflectance::{Lobe, LobeBrdf, SbrdfMap, colour};
 use lobelia_base::error::{Error, Result};
 use lobelia_base::random::Random;
+use lobelia_reflectance::{Lobe, LobeBrdf, SbrdfMap, colour};
 
 /// The lobe over the photograph. The defaults are the source's for cherry wood.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -95,7 +95,7 @@ fn dark_threshold(photo: &Photo, percent: f64) -> f32 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::reflectance::{Brdf, Rgb};
+    use lobelia_reflectance::{Brdf, Rgb};
 
     fn wood() -> Photo {
         let pixels =

@@ -2,11 +2,11 @@
 
 use std::path::Path;
 
-use crate::picture_file;
-use crate::radiance_file::{self, Radiance};
-use crate::reflectance::{Rgb, colour};
-use crate::render::Picture;
 use lobelia_base::error::{Error, Result};
+use lobelia_reflectance::picture::Picture;
+use lobelia_reflectance::picture_file;
+use lobelia_reflectance::radiance_file::{self, Radiance};
+use lobelia_reflectance::{Rgb, colour};
 
 /// A photograph in linear Rec. 709 colour, row by row from the top.
 #[derive(Debug, Clone, PartialEq)]
@@ -149,7 +149,7 @@ mod tests {
     fn a_map_is_no_photograph_though_it_has_a_view_in_r_g_and_b() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("map.exr");
-        crate::reflectance::SbrdfMap::new(2, 2, 1).write_exr(&path).unwrap();
+        lobelia_reflectance::SbrdfMap::new(2, 2, 1).write_exr(&path).unwrap();
         let text = Photo::read(&path).unwrap_err().to_string();
         assert!(text.contains("map.exr") && text.contains("is an SBRDF map and no picture"), "{text}");
     }

@@ -6,8 +6,8 @@ use rayon::prelude::*;
 
 use super::gather;
 use super::pairs::{Pairs, squared_distance};
-use crate::reflectance::{LobeBrdf, SbrdfMap};
 use lobelia_base::error::{Error, Result};
+use lobelia_reflectance::{LobeBrdf, SbrdfMap};
 
 /// Pairs of directions at which texels are compared.
 const PAIRS: usize = 64;
@@ -160,7 +160,7 @@ fn between_neighbours(grid: &Grid, difference: &(impl Fn(usize, usize) -> f32 + 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::reflectance::Rgb;
+    use lobelia_reflectance::Rgb;
 
     fn map(width: usize, height: usize, albedo: impl Fn(usize, usize) -> f32) -> SbrdfMap {
         let texel = |k: usize| LobeBrdf::diffuse(Rgb::splat(albedo(k % width, k / width)));

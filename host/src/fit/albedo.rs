@@ -134,8 +134,8 @@ mod tests {
     use super::super::model::ModelLobe;
     use super::super::{Residual, testing};
     use super::*;
-    use crate::reflectance::Rgb;
     use glam::DVec3;
+    use lobelia_reflectance::Rgb;
 
     #[test]
     fn known_amplitudes_come_back_for_every_residual_and_a_fixed_diffuse_term_stays() {

@@ -11,13 +11,14 @@ use std::path::Path;
 use rayon::prelude::*;
 
 use super::weights::Weights;
-use super::{FitOptions, fit_window, has_samples, mip};
-use crate::reflectance::SbrdfMap;
-use crate::sampled::{SampledSbrdf, SampledStore, Window};
-use crate::warning::samples::Tally;
+use super::{FitOptions, fit_window, has_samples};
 use lobelia_base::error::{Error, Result};
 use lobelia_base::hash::sha256;
 use lobelia_base::progress;
+use lobelia_reflectance::SbrdfMap;
+use lobelia_reflectance::mip;
+use lobelia_reflectance::sampled::{SampledSbrdf, SampledStore, Window};
+use lobelia_reflectance::warning::samples::Tally;
 
 /// Part `index` (from 1) of `count`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -379,8 +380,8 @@ fn paste(map: &mut SbrdfMap, piece: &SbrdfMap, places: &[usize]) {
 mod tests {
     use super::*;
     use crate::fit::fit_sbrdf;
-    use crate::sampled::PoseGeometry;
     use glam::DVec3;
+    use lobelia_reflectance::sampled::PoseGeometry;
 
     /// 40 × 20 texels at 24 poses: a lobe that changes from texel to texel, a corner block without samples.
     fn sampled() -> SampledSbrdf {
@@ -461,7 +462,7 @@ mod tests {
 
     #[test]
     fn pieces_with_and_without_what_goes_beyond_lobes_make_one_map() {
-        use crate::reflectance::{Microfacet, Rgb, materials};
+        use lobelia_reflectance::{Microfacet, Rgb, materials};
         let plain = materials::published("clay").unwrap();
         let coat = Microfacet { f0: Rgb::splat(0.04), f90: Rgb::ONE, alpha: 0.2 };
         let mut beyond = plain.clone();

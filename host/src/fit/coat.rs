@@ -1,4 +1,4 @@
-//! The microfacet term of a fit: values and derivatives of [`Microfacet`](crate::reflectance::Microfacet) for one wavelength.
+//! The microfacet term of a fit: values and derivatives of [`Microfacet`](lobelia_reflectance::Microfacet) for one wavelength.
 //!
 //! f = (f0 (1 − w) + f90 w) S(α), w = (1 − cosθ_d)⁵: linear in f0 and f90, so α alone is a shape.
 
@@ -66,7 +66,7 @@ pub fn parts(alpha: f64, [cos_i, cos_o, dot]: [f64; 3]) -> (f64, f64, f64) {
 mod tests {
     use super::super::testing;
     use super::*;
-    use crate::reflectance::{Microfacet, Rgb};
+    use lobelia_reflectance::{Microfacet, Rgb};
 
     #[test]
     fn value_and_slopes_are_those_of_the_microfacet_term() {

@@ -10,7 +10,7 @@ use super::coat::{Coat, WIDTHS};
 use super::linear::solve_spd;
 use super::model::{EXPONENTS, Turned};
 use super::samples::{Samples, Target};
-use crate::reflectance::{Lobe, LobeBrdf, Microfacet, Rgb, albedo};
+use lobelia_reflectance::{Lobe, LobeBrdf, Microfacet, Rgb, albedo};
 
 /// How far an albedo may pass 1: the accuracy of the sums.
 pub const TOLERANCE: f32 = 1e-3;
@@ -353,7 +353,7 @@ impl<'a> Problem<'a> {
 mod tests {
     use super::super::{Residual, testing};
     use super::*;
-    use crate::reflectance::{Brdf, materials};
+    use lobelia_reflectance::{Brdf, materials};
 
     fn targets(samples: &Samples, residual: Residual) -> Vec<Target> {
         (0..3)

@@ -3,8 +3,8 @@
 use super::separable::uncertainty::Sigma;
 use super::texel::TexelFit;
 use super::{Device, FitOptions, Method};
-use crate::reflectance::SbrdfMap;
 use lobelia_base::error::{Error, Result};
+use lobelia_reflectance::SbrdfMap;
 
 /// When texels get a microfacet term.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]

@@ -10,12 +10,12 @@ use rayon::prelude::*;
 
 use super::samples;
 use super::weights::Weights;
-use crate::plan::distance::{DirectionPair, distance};
-use crate::reflectance::SbrdfMap;
-use crate::sampled::{PoseGeometry, SampledSbrdf, SampledStore, Window};
 use lobelia_base::error::{Error, Result};
 use lobelia_base::progress;
 use lobelia_base::random::Random;
+use lobelia_reflectance::SbrdfMap;
+use lobelia_reflectance::distance::{DirectionPair, distance};
+use lobelia_reflectance::sampled::{PoseGeometry, SampledSbrdf, SampledStore, Window};
 
 /// Which poses are held out.
 #[derive(Debug, Clone, PartialEq)]
@@ -259,8 +259,8 @@ impl HeldOutError {
 mod tests {
     use super::super::{FitOptions, chunks};
     use super::*;
-    use crate::reflectance::Brdf;
     use crate::synth;
+    use lobelia_reflectance::Brdf;
 
     fn sampled(folder: &std::path::Path) -> (SampledSbrdf, SampledStore) {
         let options = synth::Options {

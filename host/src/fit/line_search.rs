@@ -141,9 +141,9 @@ pub fn fit(samples: &Samples, target: &Target, diffuse: f64, freedom: Freedom, v
 mod tests {
     use super::super::{PERCENTILE, Residual, diffuse, testing};
     use super::*;
-    use crate::reflectance::{Brdf, Lobe, LobeBrdf, Rgb};
     use glam::Vec3;
     use lobelia_base::random::Random;
+    use lobelia_reflectance::{Brdf, Lobe, LobeBrdf, Rgb};
 
     const ISOTROPIC: Freedom = Freedom { isotropic: true, diffuse: false };
     const BOTH: [Variant; 2] = [Variant::Published, Variant::Scaled];

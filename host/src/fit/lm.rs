@@ -421,8 +421,8 @@ pub fn start_lobe(samples: &Samples, c: DVec3, n: f64) -> ModelLobe {
 mod tests {
     use super::super::{Residual, testing};
     use super::*;
-    use crate::reflectance::{Brdf, Lobe, LobeBrdf, Rgb};
     use glam::Vec3;
+    use lobelia_reflectance::{Brdf, Lobe, LobeBrdf, Rgb};
 
     const EXACT: Limits = Limits { iterations: 200, tolerance: 1e-14 };
 

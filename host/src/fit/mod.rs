@@ -20,7 +20,6 @@ pub mod held_out;
 pub mod line_search;
 pub mod linear;
 pub mod lm;
-pub mod mip;
 pub mod model;
 pub mod pool;
 pub mod quadratic;
@@ -37,12 +36,12 @@ pub mod weights;
 
 use rayon::prelude::*;
 
-use crate::reflectance::SbrdfMap;
-use crate::sampled::SampledSbrdf;
 use crate::warning;
 use extensions::Extensions;
 use lobelia_base::error::{Error, Result};
 use lobelia_base::progress;
+use lobelia_reflectance::SbrdfMap;
+use lobelia_reflectance::sampled::SampledSbrdf;
 use separable::mirror::Mirror;
 use separable::uncertainty::Sigma;
 use texel::{TexelFit, Workspace};

@@ -8,7 +8,7 @@ use glam::{DVec2, DVec3};
 
 use super::coat::Coat;
 use super::samples::Samples;
-use crate::reflectance::{Lobe, LobeBrdf, Rgb};
+use lobelia_reflectance::{Lobe, LobeBrdf, Rgb};
 
 /// Exponents are kept within these bounds.
 pub const EXPONENTS: [f64; 2] = [0.5, 5000.0];
@@ -206,7 +206,7 @@ pub fn isotropic_c(angle: f64) -> DVec3 {
 mod tests {
     use super::super::testing;
     use super::*;
-    use crate::reflectance::Brdf;
+    use lobelia_reflectance::Brdf;
 
     #[test]
     fn the_model_and_the_brdf_made_from_it_agree() {

@@ -4,8 +4,8 @@ use glam::{DVec3, Vec3};
 
 use super::Residual;
 use super::weights::{self, Weights};
-use crate::reflectance::{Rgb, colour};
-use crate::sampled::SampledSbrdf;
+use lobelia_reflectance::sampled::SampledSbrdf;
+use lobelia_reflectance::{Rgb, colour};
 
 /// One valid sample of a texel.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -14,11 +14,11 @@ use super::model::Model;
 use super::samples::{Samples, Target};
 use super::start::{Effort, Problem, Search};
 use super::{AlbedoBound, Method, PERCENTILE, Residual, conserve, diffuse, evaluate, line_search};
-use crate::reflectance::{LobeBrdf, MeasuredTable, Microfacet, Rgb};
 use lobelia_base::error::{Error, Result};
 use lobelia_base::figures::ErrorFigure;
 use lobelia_base::progress;
 use lobelia_base::random::Random;
+use lobelia_reflectance::{LobeBrdf, MeasuredTable, Microfacet, Rgb};
 
 /// Rows whose incidence is this near a held-out angle are left out, degrees.
 pub const HOLD_OUT_WIDTH_DEG: f64 = 0.5;
@@ -199,7 +199,7 @@ fn check(table: &MeasuredTable, sizes: &[Size], options: &TableOptions) -> Resul
             return Err(Error::input("the line search fits no lobes that sharpen; use --method lm"));
         }
     }
-    let near = |row: &crate::reflectance::table::TableRow, held: f64| {
+    let near = |row: &lobelia_reflectance::table::TableRow, held: f64| {
         (row.theta_i.to_degrees() - held).abs() <= HOLD_OUT_WIDTH_DEG
     };
     for &held in &options.hold_out_theta_deg {
@@ -381,9 +381,9 @@ pub fn figures(fits: &[WavelengthFit], options: &TableOptions) -> Vec<ErrorFigur
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::reflectance::table::TableRow;
-    use crate::reflectance::{Brdf, Lobe};
     use glam::Vec3;
+    use lobelia_reflectance::table::TableRow;
+    use lobelia_reflectance::{Brdf, Lobe};
 
     fn options() -> TableOptions {
         TableOptions {
@@ -521,7 +521,7 @@ mod tests {
         }
         let options = TableOptions { bound: AlbedoBound::Conserved, ..options() };
         let held = fit(&table, &[400.0], &[ONE], Take::Size(ONE), &options).unwrap().remove(0);
-        let largest = crate::reflectance::albedo::largest(&coloured(&held.model, Rgb::ONE)).x;
+        let largest = lobelia_reflectance::albedo::largest(&coloured(&held.model, Rgb::ONE)).x;
         assert!(largest <= 1.0 + conserve::TOLERANCE, "{largest}");
         let free = held.free.unwrap();
         assert!(free.log_rms < 1e-3 && held.training.log_rms > 10.0 * free.log_rms, "{held:?}");

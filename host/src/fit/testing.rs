@@ -3,8 +3,8 @@
 use glam::Vec3;
 
 use super::samples::Samples;
-use crate::reflectance::{Brdf, Rgb};
 use lobelia_base::random::Random;
+use lobelia_reflectance::{Brdf, Rgb};
 
 /// A random direction, uniform in solid angle up to a polar angle.
 fn direction(random: &mut Random, most_deg: f64) -> Vec3 {

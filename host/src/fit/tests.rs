@@ -6,10 +6,10 @@ use super::start::{Effort, Problem, Search};
 use super::testing::{directions, material, measured, relative_error};
 use super::texel::{self, Workspace};
 use super::*;
-use crate::reflectance::{Brdf, Lobe, LobeBrdf, Rgb, materials};
-use crate::sampled::PoseGeometry;
 use glam::DVec2;
 use lobelia_base::random::Random;
+use lobelia_reflectance::sampled::PoseGeometry;
+use lobelia_reflectance::{Brdf, Lobe, LobeBrdf, Rgb, materials};
 
 /// Errors against unposed pairs of directions of `count` texels with noise, sorted.
 fn errors(count: u64, options: &FitOptions, material: impl Fn(&mut Random) -> LobeBrdf) -> Vec<f64> {

@@ -8,7 +8,7 @@ use super::separable::uncertainty::Sigma;
 use super::start::{Effort, Problem, Search};
 use super::weights::Weights;
 use super::{Diffuse, FitOptions, Method, albedo, conserve, diffuse, evaluate, line_search};
-use crate::reflectance::{LobeBrdf, Rgb, colour};
+use lobelia_reflectance::{LobeBrdf, Rgb, colour};
 
 /// What one thread needs to fit texels without allocating for each.
 #[derive(Debug, Clone, Default)]

@@ -2,7 +2,7 @@
 
 use half::f16;
 
-use crate::reflectance::colour;
+use lobelia_reflectance::colour;
 
 /// What a sample's squared residual weighs beside what the residual says.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]

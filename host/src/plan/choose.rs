@@ -9,17 +9,11 @@ use rayon::prelude::*;
 
 use super::Extent;
 use super::density;
-use super::distance::{DirectionPair, distance};
 use crate::rig::config::RigConfig;
 use crate::rig::geometry::{MotorAngles, motor_angles};
 use lobelia_base::error::{Error, Result};
 use lobelia_base::progress;
-
-/// Pairs with a polar angle of incidence above this are dropped (3.3.2).
-pub const MAX_THETA_I_DEG: f64 = 75.0;
-
-/// Pairs with a polar angle of the view above this are dropped (3.3.2).
-pub const MAX_THETA_O_DEG: f64 = 65.0;
+use lobelia_reflectance::distance::{DirectionPair, MAX_THETA_I_DEG, MAX_THETA_O_DEG, distance};
 
 /// Candidates for every pose that a budget asks for; more gain under 2 % of spacing.
 const CANDIDATES_PER_POSE: usize = 150;

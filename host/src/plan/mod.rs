@@ -11,7 +11,6 @@ use lobelia_base::{files, toml_file};
 
 pub mod choose;
 pub mod density;
-pub mod distance;
 pub mod exposure;
 pub mod lamp;
 pub mod order;

@@ -326,8 +326,8 @@ fn small(view: &Camera) -> Camera {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::reflectance::{LobeBrdf, Rgb};
     use crate::scene::{Background, Light, Material, Object, shapes};
+    use lobelia_reflectance::{LobeBrdf, Rgb};
     use std::sync::Arc;
 
     /// A grey plane under a lamp: one reflection is all there is.

@@ -3,10 +3,10 @@
 use glam::Vec3;
 
 use super::flip;
-use super::image::Picture;
-use crate::reflectance::Rgb;
 use lobelia_base::error::{Error, Result};
 use lobelia_base::figures::ErrorFigure;
+use lobelia_reflectance::Rgb;
+use lobelia_reflectance::picture::Picture;
 
 /// The reference's mean times this is added (in squares) to what relative errors are divided by, so that black pixels count
 /// little.

@@ -8,7 +8,7 @@ use std::f32::consts::PI;
 use glam::{Mat3, Vec3};
 use rayon::prelude::*;
 
-use crate::reflectance::{Rgb, colour};
+use lobelia_reflectance::{Rgb, colour};
 
 /// Pixels a degree of the field of view: a display 0.7 m wide with 3840 pixels, seen from 0.7 m.
 const PIXELS_A_DEGREE: f32 = 67.020_645;

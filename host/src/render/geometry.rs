@@ -264,8 +264,8 @@ pub(crate) fn shading_frame(normal: Vec3, tangent: Vec3, handedness: f32, view: 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::reflectance::{LobeBrdf, Rgb};
     use crate::scene::{Material, shapes, showcase};
+    use lobelia_reflectance::{LobeBrdf, Rgb};
 
     fn sphere_scene() -> Scene {
         let mut scene = showcase::published(8, 8);

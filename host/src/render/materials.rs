@@ -6,9 +6,9 @@ use bytemuck::{Pod, Zeroable};
 use glam::{Vec2, Vec3};
 
 use super::math;
-use crate::fit::mip;
-use crate::reflectance::{Lobe, LobeBrdf, Microfacet, Rgb, colour, lobe::into_lobe_frame};
 use crate::scene::{Filter, Light, Reflectance, Scene};
+use lobelia_reflectance::mip;
+use lobelia_reflectance::{Lobe, LobeBrdf, Microfacet, Rgb, colour, lobe::into_lobe_frame};
 
 /// Lobes whose value would fall below 2^−40 of ρ_s are skipped.
 const NEGLIGIBLE_LOG2: f32 = -40.0;
@@ -412,8 +412,8 @@ fn gathered(cosine: f32, n: f32) -> f32 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::reflectance::{Brdf, materials};
     use crate::scene::{Material, showcase};
+    use lobelia_reflectance::{Brdf, materials};
     use std::sync::Arc;
 
     fn directions() -> Vec<Vec3> {
@@ -459,7 +459,7 @@ mod tests {
     #[test]
     fn neighbours_blend_and_choices_have_their_weights_as_probability() {
         let brdfs: Vec<_> = (0..6).map(|i| LobeBrdf::diffuse(Rgb::splat(i as f32))).collect();
-        let map = crate::reflectance::SbrdfMap::from_texels(3, 2, &brdfs);
+        let map = lobelia_reflectance::SbrdfMap::from_texels(3, 2, &brdfs);
         let mut scene = showcase::published(4, 4);
         scene.objects.truncate(1);
         scene.objects[0].material = Material::map(Arc::new(map), Vec2::new(2.0, 1.0));

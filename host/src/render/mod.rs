@@ -14,7 +14,6 @@ pub mod environment;
 mod flip;
 mod geometry;
 pub mod gpu;
-mod image;
 pub mod lights;
 mod materials;
 mod math;
@@ -25,7 +24,7 @@ pub mod storage;
 
 use glam::Vec3;
 
-pub use image::{Picture, PictureKind, picture_kind};
+pub use lobelia_reflectance::picture::{Picture, PictureKind, picture_kind};
 
 use crate::scene::{Camera, Scene};
 use lobelia_base::error::{Kind, Result};
@@ -184,8 +183,8 @@ pub fn prepare<'a>(scene: &'a Scene, method: Method, settings: &Settings) -> Res
 
 /// A check of a brushed lobe about a normal of its own and of one that sharpens toward grazing.
 #[cfg(test)]
-fn extended_check() -> crate::reflectance::SbrdfMap {
-    use crate::reflectance::{Lobe, LobeBrdf, Rgb};
+fn extended_check() -> lobelia_reflectance::SbrdfMap {
+    use lobelia_reflectance::{Lobe, LobeBrdf, Rgb};
     let brdf = |c: [f32; 3], n: f32| {
         let lobe = Lobe::new(Rgb::new(0.5, 0.4, 0.3), c.into(), n);
         LobeBrdf { rho_d: Rgb::splat(0.05), lobes: vec![lobe], ..LobeBrdf::default() }
@@ -199,7 +198,7 @@ fn extended_check() -> crate::reflectance::SbrdfMap {
 
 /// The same without normals and with `n` alone.
 #[cfg(test)]
-fn plain_check() -> crate::reflectance::SbrdfMap {
+fn plain_check() -> lobelia_reflectance::SbrdfMap {
     let mut map = extended_check();
     map.normal.clear();
     map.lobes.iter_mut().for_each(|plane| plane.n_grazing.clear());

@@ -6,8 +6,8 @@ use glam::{Vec3, Vec4};
 use super::geometry::Surface;
 use super::materials::Shader;
 use super::sampler::hash;
-use crate::reflectance::Rgb;
 use crate::scene::{Background, Camera, Light, Scene};
+use lobelia_reflectance::Rgb;
 
 /// A light in one layout for CPU and shader.
 #[derive(Debug, Clone, Copy, Pod, Zeroable)]

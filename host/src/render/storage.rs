@@ -9,8 +9,8 @@ use std::f32::consts::PI;
 
 use exr::prelude::f16;
 
-use crate::reflectance::{Lobe, LobeBrdf, Microfacet, Rgb, SbrdfMap};
 use crate::scene::{Material, Reflectance, Scene};
+use lobelia_reflectance::{Lobe, LobeBrdf, Microfacet, Rgb, SbrdfMap};
 
 /// Bounds of the logarithmic 8-bit exponent.
 const LOG_EXPONENT: [f32; 2] = [0.5, 5000.0];

@@ -6,7 +6,7 @@
 use glam::{DMat3, DVec3};
 
 use super::config::RigConfig;
-use crate::sampled::PoseGeometry;
+use lobelia_reflectance::sampled::PoseGeometry;
 
 /// Motor angles of one pose, radians.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]

@@ -7,8 +7,8 @@ use std::sync::Arc;
 
 use glam::{Vec2, Vec3};
 
-use crate::reflectance::Rgb;
 use lobelia_base::error::{Error, Result};
+use lobelia_reflectance::Rgb;
 
 /// Equirectangular radiance, turned about +y.
 #[derive(Debug, Clone, PartialEq)]

@@ -5,10 +5,10 @@ use std::path::Path;
 use glam::{Vec2, Vec3};
 
 use super::Environment;
-use crate::radiance_file::{self, Radiance};
-use crate::reflectance::Rgb;
-use crate::render::Picture;
 use lobelia_base::error::{Error, Result};
+use lobelia_reflectance::Rgb;
+use lobelia_reflectance::picture::Picture;
+use lobelia_reflectance::radiance_file::{self, Radiance};
 
 impl Environment {
     /// Reads an equirectangular image or, where an OpenEXR file says so (`envmap`), the six faces of a cube: `.exr` or `.hdr` (Radiance

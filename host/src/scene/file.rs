@@ -45,10 +45,10 @@ use super::{
     Animation, Background, Camera, Environment, Filter, Light, Mask, Material, Mesh, Object, Reflectance,
     Scene, shapes, shipped, showcase,
 };
-use crate::fit::mip;
-use crate::reflectance::{Lobe, LobeBrdf, Rgb, SbrdfMap, colour, materials};
 use lobelia_base::error::{Error, Result};
 use lobelia_base::toml_file;
+use lobelia_reflectance::mip;
+use lobelia_reflectance::{Lobe, LobeBrdf, Rgb, SbrdfMap, colour, materials};
 
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]

@@ -4,9 +4,9 @@ use std::path::Path;
 
 use glam::Vec2;
 
-use crate::picture_file;
-use crate::reflectance::SbrdfMap;
 use lobelia_base::error::Result;
+use lobelia_reflectance::SbrdfMap;
+use lobelia_reflectance::picture_file;
 
 /// Alpha from which on the material is there.
 const THRESHOLD: f32 = 0.5;

@@ -24,9 +24,9 @@ pub use environment::Environment;
 pub use mask::Mask;
 pub use mesh::{Mesh, Vertex};
 
-use crate::fit::mip;
-use crate::reflectance::{LobeBrdf, Rgb, SbrdfMap};
 use lobelia_base::error::{Error, Result};
+use lobelia_reflectance::mip;
+use lobelia_reflectance::{LobeBrdf, Rgb, SbrdfMap};
 
 /// Everything that a renderer needs to make a picture.
 #[derive(Debug, Clone)]
@@ -70,7 +70,7 @@ pub struct Material {
     /// How texels are combined.
     pub filter: Filter,
     /// MIP levels of a map from the first on, each fitted to the reflectance averaged over its texels, sized as
-    /// [`crate::fit::mip::size`] says; empty where there are none.
+    /// [`lobelia_reflectance::mip::size`] says; empty where there are none.
     pub levels: Vec<Arc<SbrdfMap>>,
     /// Where the material is cut out; it has the texture coordinates and the tiling of the map.
     pub mask: Option<Arc<Mask>>,

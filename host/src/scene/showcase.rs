@@ -5,7 +5,7 @@ use std::sync::Arc;
 use glam::{Affine3A, Vec2, Vec3};
 
 use super::{Background, Camera, Environment, Light, Material, Object, Scene, shapes};
-use crate::reflectance::{Lobe, LobeBrdf, Rgb, SbrdfMap, materials};
+use lobelia_reflectance::{Lobe, LobeBrdf, Rgb, SbrdfMap, materials};
 
 /// A material on a draped cloth, another on a sphere before it, in the studio with two lights more.
 pub fn showcase(cloth: Material, ball: Material, width: u32, height: u32) -> Scene {

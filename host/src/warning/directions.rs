@@ -11,8 +11,8 @@ use crate::fit::{FitOptions, MOST_LOBES};
 use crate::plan::Plan;
 use crate::rig::config::RigConfig;
 use crate::rig::geometry::directions;
-use crate::sampled::PoseGeometry;
 use lobelia_base::warning::{Kind, Warning};
+use lobelia_reflectance::sampled::PoseGeometry;
 
 /// Directions count as in one plane when none is farther from it than this.
 const IN_PLANE_DEG: f64 = 5.0;

@@ -3,11 +3,11 @@
 use glam::DVec3;
 
 use super::predicted::{pixel, places};
-use super::samples::PoseSamples;
 use crate::develop::frame::RawFrame;
 use crate::develop::radiance::{read_variance, saturation};
 use crate::rig::config::RigConfig;
 use crate::rig::geometry::{MotorAngles, pose_geometry, sample_pose};
+use lobelia_reflectance::warning::samples::PoseSamples;
 
 /// Places along an edge of the sample.
 const PLACES: usize = 24;

@@ -8,7 +8,7 @@ pub mod directions;
 pub mod frames;
 pub mod predicted;
 pub mod residual;
-pub mod samples;
 pub mod texels;
 
 pub use lobelia_base::warning::{Kind, Warning};
+pub use lobelia_reflectance::warning::samples;

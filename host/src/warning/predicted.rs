@@ -5,12 +5,12 @@
 
 use glam::{DVec2, DVec3};
 
-use super::samples::PoseSamples;
 use crate::develop::radiance::{read_variance, saturation};
 use crate::develop::{camera, reflectance};
 use crate::plan::{Plan, exposure};
 use crate::rig::config::RigConfig;
 use crate::rig::geometry::{SamplePose, camera_position, pose_geometry, sample_pose};
+use lobelia_reflectance::warning::samples::PoseSamples;
 
 /// Places along an edge of the sample, and reflectances at each.
 const PLACES: usize = 5;
@@ -86,7 +86,7 @@ mod tests {
     use super::*;
     use crate::plan::{self, Extent};
     use crate::warning::Kind;
-    use crate::warning::samples::{Step, warnings};
+    use lobelia_reflectance::warning::samples::{Step, warnings};
 
     fn kinds(rig: &RigConfig, plan: &Plan) -> Vec<Kind> {
         warnings(Step::Plan, &samples(rig, plan)).into_iter().map(|warning| warning.kind).collect()

@@ -9,11 +9,11 @@
 use glam::Vec3;
 use rayon::prelude::*;
 
-use crate::plan::distance::{DirectionPair, distance};
-use crate::reflectance::{Brdf as _, SbrdfMap, colour};
-use crate::sampled::{SampledSbrdf, SampledStore, Window};
 use lobelia_base::error::Result;
 use lobelia_base::warning::{Kind, Warning, median, named, quantile};
+use lobelia_reflectance::distance::{DirectionPair, distance};
+use lobelia_reflectance::sampled::{SampledSbrdf, SampledStore, Window};
+use lobelia_reflectance::{Brdf as _, SbrdfMap, colour};
 
 /// Edge of a window of texels, and how many windows are looked at.
 const WINDOW: usize = 16;
@@ -97,7 +97,7 @@ pub fn look(store: &SampledStore, map: &SbrdfMap) -> Result<PoseResiduals> {
 
 /// Direction pairs at the sample's centre.
 fn sampled_directions(store: &SampledStore) -> Vec<DirectionPair> {
-    let pair = |pose: &crate::sampled::PoseGeometry| DirectionPair {
+    let pair = |pose: &lobelia_reflectance::sampled::PoseGeometry| DirectionPair {
         wi: pose.light_mm.normalize(),
         wo: pose.camera_mm.normalize(),
     };
@@ -234,9 +234,9 @@ mod tests {
     use crate::demo::sample;
     use crate::fit::weights::Weights;
     use crate::fit::{FitOptions, Residual, fit_sbrdf};
-    use crate::reflectance::materials;
     use crate::rig::config::RigConfig;
     use crate::synth::{self, Options};
+    use lobelia_reflectance::materials;
 
     const SIDE: usize = 40;
     const SPOILT: usize = 17;

@@ -3,8 +3,8 @@
 use crate::fit::FitOptions;
 use crate::fit::pool::RegionReport;
 use crate::fit::texel::unknowns;
-use crate::reflectance::SbrdfMap;
 use lobelia_base::warning::{Kind, NAMED, Warning, percent};
+use lobelia_reflectance::SbrdfMap;
 
 /// Plane of a map: the residual's RMS over the noise's ([`crate::fit::texel::TexelFit::over_noise`]).
 pub const OVER_NOISE: &str = "error.over_noise";

@@ -25,9 +25,9 @@ use super::separable::texel::{Workspace, channel_groups};
 use super::texel::TexelFit;
 use super::weights::Weights;
 use super::{Device, FitOptions, Method};
-use crate::sampled::{SampledSbrdf, SampledStore};
 use kernels::{Fit, Kernels, Samples, Texel, Uploaded};
 use lobelia_base::error::{Error, Result};
+use lobelia_reflectance::sampled::{SampledSbrdf, SampledStore};
 use search::Beam;
 
 /// Fewer texels are fitted before a GPU is opened and its pipelines are built.

@@ -5,9 +5,9 @@ use glam::Vec3;
 use super::*;
 use crate::fit::testing::directions;
 use crate::fit::{Diffuse, Residual, fit_sbrdf};
-use crate::reflectance::{Brdf, LobeBrdf, SbrdfMap};
 use crate::synth;
 use lobelia_base::random::Random;
+use lobelia_reflectance::{Brdf, LobeBrdf, SbrdfMap};
 
 /// Whether there is a GPU; says so where there is none.
 fn is_there() -> bool {

@@ -6,10 +6,10 @@ use super::super::samples;
 use super::super::weights::Weights;
 use super::regions::Regions;
 use super::{PoolOptions, Source, indices};
-use crate::sampled::{SampledSbrdf, Window};
 use lobelia_base::error::Result;
 use lobelia_base::progress;
 use lobelia_base::random::Random;
+use lobelia_reflectance::sampled::{SampledSbrdf, Window};
 
 /// The texels of every region, in order. Of a region that has more than samples allow, as many are drawn among those that have a sample.
 ///

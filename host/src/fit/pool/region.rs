@@ -6,7 +6,7 @@ use super::super::separable::texel::Workspace;
 use super::super::texel::{TexelFit, affordable_lobes};
 use super::texels::{self, Level};
 use super::{Gathered, RhoD};
-use crate::reflectance::{LobeBrdf, Rgb, albedo};
+use lobelia_reflectance::{LobeBrdf, Rgb, albedo};
 
 /// What every texel of a region has in common.
 #[derive(Debug, Clone)]

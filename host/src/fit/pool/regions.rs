@@ -3,8 +3,8 @@
 use std::path::Path;
 
 use crate::edit::palette;
-use crate::picture_file;
 use lobelia_base::error::{Error, Result};
+use lobelia_reflectance::picture_file;
 
 /// Most regions: as many as an indexed picture has colours.
 pub const MOST_REGIONS: usize = 256;
@@ -113,7 +113,7 @@ mod tests {
         assert_eq!((grey.of, grey.colours), (vec![Some(0), None, Some(0)], vec![[9; 3]]));
 
         let clusters: Vec<palette::Entry> = [[1, 2, 3], [4, 5, 6]]
-            .map(|swatch| palette::Entry { swatch, brdf: crate::reflectance::LobeBrdf::default() })
+            .map(|swatch| palette::Entry { swatch, brdf: lobelia_reflectance::LobeBrdf::default() })
             .into();
         palette::write_index(&path, 3, 1, &[1, 0, 1], &clusters).unwrap();
         let indexed = Regions::read(&path, size, None).unwrap();

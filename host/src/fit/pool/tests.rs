@@ -5,8 +5,8 @@ use glam::Vec3;
 use super::super::extensions::{Extensions, Microfacets};
 use super::super::{self as fit, AlbedoBound, Residual, linear};
 use super::*;
-use crate::reflectance::{Brdf, Lobe, LobeBrdf, Microfacet, Rgb, albedo};
 use crate::synth::{self, Options};
+use lobelia_reflectance::{Brdf, Lobe, LobeBrdf, Microfacet, Rgb, albedo};
 
 const SIDE: usize = 12;
 

@@ -9,7 +9,7 @@ use super::super::weights::Weights;
 use super::super::{FitOptions, Residual};
 use super::RhoD;
 use super::region::RegionFit;
-use crate::reflectance::{Brdf, LobeBrdf, Rgb, colour};
+use lobelia_reflectance::{Brdf, LobeBrdf, Rgb, colour};
 
 /// Sums over the texels of a region.
 #[derive(Debug, Clone, Copy, Default)]

@@ -18,8 +18,8 @@ use super::data::Data;
 use super::extended::{self, Extension};
 use super::normal::{self, Amplitudes, LINEAR, Layout, Most, Normal};
 use super::shape::{self, Family, UNKNOWNS};
-use crate::reflectance::albedo::{self, INCIDENCES_DEG};
-use crate::reflectance::{LobeBrdf, Microfacet, Rgb};
+use lobelia_reflectance::albedo::{self, INCIDENCES_DEG};
+use lobelia_reflectance::{LobeBrdf, Microfacet, Rgb};
 
 /// Azimuths of the incidences in quarter turns: of isotropic lobes, of anisotropic ones against their axes, of lobes about a normal of their own.
 const ISOTROPIC: [f64; 1] = [0.0];

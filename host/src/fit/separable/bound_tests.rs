@@ -13,8 +13,8 @@ use super::columns::CHANNELS;
 use super::shape::{self, Family};
 use super::solver::Solver;
 use super::texel::Workspace;
-use crate::reflectance::{Brdf, Lobe, LobeBrdf, Rgb, albedo};
 use lobelia_base::random::Random;
+use lobelia_reflectance::{Brdf, Lobe, LobeBrdf, Rgb, albedo};
 
 const BOUND: Bound = Bound { albedo: 1.0, fixed: [0.0; CHANNELS] };
 
@@ -157,7 +157,7 @@ fn normals_sharpening_and_microfacet_terms_are_held_too() {
     tilted.normal = glam::Vec2::new(0.1, -0.05);
     let mut sharpening = bright(-1.1);
     sharpening.lobes[0].n_grazing = Some(14.0);
-    let coat = crate::reflectance::Microfacet { f0: Rgb::splat(0.6), f90: Rgb::ONE, alpha: 0.25 };
+    let coat = lobelia_reflectance::Microfacet { f0: Rgb::splat(0.6), f90: Rgb::ONE, alpha: 0.25 };
     let coated = LobeBrdf { microfacets: vec![coat], ..LobeBrdf::diffuse(Rgb::splat(0.7)) };
     let none = Extensions::default();
     for (truth, extensions) in [

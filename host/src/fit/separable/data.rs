@@ -9,8 +9,8 @@ use super::super::samples::{MOST_OVER_SEEN, Samples};
 use super::super::weights::Weights;
 use super::levels;
 use super::math::LANES;
-use crate::reflectance::colour;
-use crate::sampled::{PoseGeometry, SampledSbrdf};
+use lobelia_reflectance::colour;
+use lobelia_reflectance::sampled::{PoseGeometry, SampledSbrdf};
 
 /// Where light and camera stood, as flat arrays filled up to a multiple of [`LANES`].
 #[derive(Debug, Clone, Default)]

@@ -11,9 +11,9 @@ use super::extended::Extension;
 use super::normal;
 use super::shape::{self, Family};
 use super::solver::Solver;
-use crate::reflectance::{Brdf, Lobe, LobeBrdf, Microfacet, Rgb, SbrdfMap};
 use crate::synth::{self, Options};
 use lobelia_base::random::Random;
+use lobelia_reflectance::{Brdf, Lobe, LobeBrdf, Microfacet, Rgb, SbrdfMap};
 
 fn models() -> Vec<(Family, Model)> {
     let lobe =

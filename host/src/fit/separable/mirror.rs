@@ -7,7 +7,7 @@
 //! peak 2.1° from the mirror direction), they do not resolve it.
 
 use super::data::Data;
-use crate::reflectance::colour;
+use lobelia_reflectance::colour;
 
 /// Most poses that a peak has to be met by for not being resolved.
 const MOST_POSES: usize = 3;
@@ -96,12 +96,12 @@ mod tests {
     use super::super::data::Poses;
     use super::*;
     use crate::fit::weights::Weights;
-    use crate::reflectance::{Brdf, Lobe, LobeBrdf, Rgb, materials};
     use crate::synth::{self, Options};
     use glam::{DVec3, Vec3};
+    use lobelia_reflectance::{Brdf, Lobe, LobeBrdf, Rgb, materials};
 
     /// Poses of which the first `met` have light and camera in mirror directions, up to 0.1° off.
-    fn poses(count: usize, met: usize, seed: u64) -> Vec<crate::sampled::PoseGeometry> {
+    fn poses(count: usize, met: usize, seed: u64) -> Vec<lobelia_reflectance::sampled::PoseGeometry> {
         let mut poses = synth::poses(count, seed);
         for (k, pose) in poses.iter_mut().take(met).enumerate() {
             let light = pose.light_mm;
@@ -116,7 +116,7 @@ mod tests {
         if half.z.acos() < 0.0025 { rho / (7.85e-5 * wi.z) } else { 0.0 }
     }
 
-    fn data(sampled: &crate::sampled::SampledSbrdf, texel: usize) -> Data {
+    fn data(sampled: &lobelia_reflectance::sampled::SampledSbrdf, texel: usize) -> Data {
         let mut data = Data::default();
         data.load(&Poses::new(&sampled.poses), sampled, texel, Weights::Pose);
         data

@@ -202,9 +202,9 @@ mod tests {
     use super::super::super::{AlbedoBound, FitOptions, Residual};
     use super::super::texel::Workspace;
     use super::*;
-    use crate::reflectance::{Lobe, LobeBrdf, Rgb};
     use glam::Vec3;
     use lobelia_base::random::Random;
+    use lobelia_reflectance::{Lobe, LobeBrdf, Rgb};
 
     fn truth(n: f32) -> LobeBrdf {
         let lobe = Lobe::new(Rgb::new(0.5, 0.4, 0.3), Vec3::new(-1.0, -1.0, 0.95), n);

@@ -16,9 +16,9 @@ use crate::acquire::recipe::Recipe;
 use crate::acquire::{self, RunFolder, simulated};
 use crate::demo::{Size, sample};
 use crate::plan::{self, Extent};
-use crate::reflectance::{Brdf as _, LobeBrdf, SbrdfMap, albedo};
-use crate::sampled::SampledSbrdf;
 use lobelia_base::random::Random;
+use lobelia_reflectance::sampled::SampledSbrdf;
+use lobelia_reflectance::{Brdf as _, LobeBrdf, SbrdfMap, albedo};
 
 /// The demo's brocade, or a recipe, as the simulated rig photographs and develops it at a number of poses.
 fn photographed(size: Size, poses: usize, recipe: Option<&str>) -> SampledSbrdf {

@@ -14,10 +14,10 @@ use super::search::Search;
 use super::shape::{self, Family};
 use super::solver::Solver;
 use super::start::{Effort, Found, Task};
-use crate::reflectance::{Brdf, Lobe, LobeBrdf, Rgb};
-use crate::sampled::SampledSbrdf;
 use crate::synth::{self, Options};
 use lobelia_base::random::Random;
+use lobelia_reflectance::sampled::SampledSbrdf;
+use lobelia_reflectance::{Brdf, Lobe, LobeBrdf, Rgb};
 
 const EXACT: Limits = Limits { iterations: 200, tolerance: 1e-13 };
 

@@ -22,8 +22,8 @@ use super::shape::Family;
 use super::solver::{Solver, UNTOLD, WILD};
 use super::start::{self, Effort, Task};
 use super::uncertainty::{self, Sigma};
-use crate::reflectance::{LobeBrdf, Microfacet, Rgb};
-use crate::sampled::SampledSbrdf;
+use lobelia_reflectance::sampled::SampledSbrdf;
+use lobelia_reflectance::{LobeBrdf, Microfacet, Rgb};
 
 /// What one thread needs to fit texels without allocating for each.
 #[derive(Debug, Clone, Default)]

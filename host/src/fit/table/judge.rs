@@ -2,8 +2,8 @@
 //! fixed size.
 
 use super::{Size, TableOptions, Take, fit};
-use crate::reflectance::MeasuredTable;
 use lobelia_base::error::{Error, Result};
+use lobelia_reflectance::MeasuredTable;
 
 /// Mean errors over all pairs of incidences that are held out.
 #[derive(Debug, Clone, PartialEq)]

@@ -31,7 +31,7 @@ pub(super) fn rows(samples: &Samples) -> Option<Vec<(usize, f64)>> {
 mod tests {
     use super::super::super::testing;
     use super::*;
-    use crate::reflectance::{Brdf, Rgb, materials};
+    use lobelia_reflectance::{Brdf, Rgb, materials};
 
     #[test]
     fn the_thinned_rows_stand_for_all_and_have_the_brightest() {

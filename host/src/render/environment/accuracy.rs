@@ -21,8 +21,8 @@ use rayon::prelude::*;
 use super::prefilter::{blended, log2, three_weights};
 use super::source::{Cap, Source};
 use super::spectrum::{self, Spectrum};
-use crate::reflectance::{Rgb, colour};
 use crate::scene::{Environment, environment::direction_of};
+use lobelia_reflectance::{Rgb, colour};
 
 /// See the table above.
 const PIXEL: f32 = 4.0;

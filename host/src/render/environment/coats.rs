@@ -12,7 +12,7 @@ use std::sync::OnceLock;
 use glam::{DVec3, Vec3, Vec4};
 use rayon::prelude::*;
 
-use crate::reflectance::{Microfacet, Rgb};
+use lobelia_reflectance::{Microfacet, Rgb};
 
 /// Nodes over the cosine 0..1 and over the roughness 0..1.
 const SIZE: usize = 33;

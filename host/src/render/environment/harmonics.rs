@@ -5,8 +5,8 @@ use std::f32::consts::PI;
 use glam::Vec3;
 
 use super::source::Source;
-use crate::reflectance::Rgb;
 use crate::scene::Environment;
+use lobelia_reflectance::Rgb;
 
 /// The coefficients of irradiance.
 pub(crate) struct Harmonics {

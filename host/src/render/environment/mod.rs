@@ -29,17 +29,17 @@ pub(crate) use prefilter::Prefiltered;
 
 use super::geometry::{Geometry, Surface};
 use super::gpu::Gpu;
-use super::image::Picture;
 use super::materials::{AimedMicrofacet, Materials, Shader};
 use super::sampler::{self, hash};
 use super::shading::{self, Lamp, Rays};
 use super::{Cost, Prepared, Renderer, Rendering, lights, math};
-use crate::reflectance::Rgb;
 use crate::scene::{Camera, Environment, Scene};
 use coats::{Coats, Part};
 use harmonics::Harmonics;
 use horizon::{Clipped, Horizon};
 use lobelia_base::error::{Error, Result};
+use lobelia_reflectance::Rgb;
+use lobelia_reflectance::picture::Picture;
 use spectrum::Spectrum;
 
 /// How to prefilter and to draw.

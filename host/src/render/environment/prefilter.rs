@@ -11,10 +11,10 @@ use rayon::prelude::*;
 
 use super::spectrum::{self, Spectrum};
 use super::{accuracy, gpu};
-use crate::reflectance::Rgb;
 use crate::render::math;
 use crate::scene::{Environment, environment::texture_of};
 use lobelia_base::error::Result;
+use lobelia_reflectance::Rgb;
 
 /// log₂ of nothing.
 const DARK: f32 = -100.0;

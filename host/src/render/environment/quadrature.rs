@@ -7,8 +7,8 @@ use rayon::prelude::*;
 
 use super::accuracy::Judge;
 use super::prefilter::Prefiltered;
-use crate::reflectance::Rgb;
 use crate::scene::Environment;
+use lobelia_reflectance::Rgb;
 
 /// Lobes count down to this part of their peak.
 const CUT: f64 = 1e-9;

@@ -78,11 +78,11 @@ fn upload(gpu: &Gpu, light: &Light) -> Result<Distant> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::reflectance::{LobeBrdf, Microfacet, Rgb};
     use crate::render::environment::Encoding;
     use crate::render::lights::cpu;
     use crate::render::{Renderer, extended_check};
     use crate::scene::{Material, showcase};
+    use lobelia_reflectance::{LobeBrdf, Microfacet, Rgb};
 
     /// The showcase, one of its materials with a microfacet term, under a turned sky with a small bright spot, without lamps, at the
     /// edges of whose shadows the two may differ.

@@ -5,8 +5,8 @@ use std::f32::consts::{PI, TAU};
 use glam::{Vec2, Vec3};
 use rayon::prelude::*;
 
-use crate::reflectance::{Rgb, colour};
 use crate::scene::{Environment, environment::direction_of};
+use lobelia_reflectance::{Rgb, colour};
 
 /// (ω_p·ω)ⁿ, and the angle at which it ends.
 #[derive(Debug, Clone, Copy, PartialEq)]

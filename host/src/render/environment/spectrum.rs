@@ -14,8 +14,8 @@ use realfft::RealFftPlanner;
 use realfft::num_complex::Complex64;
 
 use super::accuracy;
-use crate::reflectance::Rgb;
 use crate::scene::Environment;
+use lobelia_reflectance::Rgb;
 
 /// Rows that are computed at once.
 const LANES: usize = 8;

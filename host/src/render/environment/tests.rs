@@ -6,9 +6,9 @@ use glam::Vec3;
 
 use super::*;
 use crate::chart::environment::{DIRECTIONS, MAP_EXPONENTS};
-use crate::reflectance::{Brdf, Lobe, LobeBrdf, Microfacet, SbrdfMap};
 use crate::render::{extended_check, plain_check};
 use crate::scene::{Environment, Material};
+use lobelia_reflectance::{Brdf, Lobe, LobeBrdf, Microfacet, SbrdfMap};
 
 /// Radiance reflected by a BRDF on a surface that faces +y, by quadrature; sample frame x = +x, y = −z, z = +y.
 fn quadrature(environment: &Environment, brdf: &LobeBrdf, view: Vec3) -> Rgb {

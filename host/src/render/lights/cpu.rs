@@ -7,15 +7,15 @@ use rayon::prelude::*;
 
 use super::footprint::Footprint;
 use super::{Filtering, Settings};
-use crate::reflectance::Rgb;
 use crate::render::bvh::Hit;
 use crate::render::geometry::{Geometry, Surface};
-use crate::render::image::Picture;
 use crate::render::materials::{Materials, PackedLobe, Shader};
 use crate::render::sampler::hash;
 use crate::render::shading::{self, Lamp, Rays, Seen};
 use crate::scene::Scene;
 use lobelia_base::error::Result;
+use lobelia_reflectance::Rgb;
+use lobelia_reflectance::picture::Picture;
 
 /// Renders a scene's lights on the CPU, one sample a pixel.
 ///

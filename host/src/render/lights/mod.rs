@@ -16,15 +16,15 @@ use std::time::Instant;
 use glam::{BVec3, Mat4, Vec3, Vec4};
 
 use super::gpu::Gpu;
-use super::image::Picture;
 use super::shading::{self, Rays};
 use super::storage::Storage;
 use super::{Cost, Prepared, Renderer, Rendering};
 use crate::edit::levels;
-use crate::fit::mip;
-use crate::reflectance::SbrdfMap;
 use crate::scene::{Camera, Reflectance, Scene};
 use lobelia_base::error::{Error, Result};
+use lobelia_reflectance::SbrdfMap;
+use lobelia_reflectance::mip;
+use lobelia_reflectance::picture::Picture;
 use upload::Uploads;
 
 /// What a pixel takes of a texture that is smaller than it should be (stability case G14).

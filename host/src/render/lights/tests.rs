@@ -5,10 +5,10 @@ use std::sync::Arc;
 use glam::{Affine3A, Vec2, Vec3};
 
 use super::*;
-use crate::reflectance::{Lobe, LobeBrdf, Microfacet, Rgb};
 use crate::render::compare::{compare, relative_rmse_by};
 use crate::render::{extended_check, plain_check, reference};
 use crate::scene::{Background, Light, Mask, Material, Object, Reflectance, shapes, showcase};
+use lobelia_reflectance::{Lobe, LobeBrdf, Microfacet, Rgb};
 
 /// The showcase with a third light and a rectangular one, without its environment.
 fn lit(width: u32, height: u32) -> Scene {
@@ -196,7 +196,7 @@ fn coated(width: u32, height: u32) -> Scene {
     let coat = |alpha| Microfacet { f0: Rgb::new(0.05, 0.08, 0.3), f90: Rgb::splat(0.9), alpha };
     let with = |alpha| LobeBrdf {
         microfacets: vec![coat(alpha)],
-        ..crate::reflectance::materials::published("clay").unwrap()
+        ..lobelia_reflectance::materials::published("clay").unwrap()
     };
     scene.objects[0].material.reflectance =
         Reflectance::Map(showcase::check(&with(0.3), &with(0.1), 3, 5).into());

@@ -11,11 +11,11 @@ use obvhs::bvh2::builder::build_bvh2_from_tris;
 use obvhs::triangle::Triangle;
 
 use super::Settings;
-use crate::reflectance::{Microfacet, Rgb};
 use crate::render::geometry;
 use crate::render::shading::{self, Lamp};
 use crate::render::storage::{Storage, brightest_of};
 use crate::scene::{Filter, Light, Material, Mesh, Reflectance, Scene, Vertex};
+use lobelia_reflectance::{Microfacet, Rgb};
 
 /// Uniforms.
 #[derive(Debug, Clone, Copy, Pod, Zeroable)]

@@ -10,8 +10,8 @@ use rayon::prelude::*;
 
 use super::trace::{Numbers, PARTS, Shaders, Traced};
 use super::{View, hash};
-use crate::reflectance::colour;
 use crate::render::compare;
+use lobelia_reflectance::colour;
 
 /// Powers of two: with them the numbers of any power of two of samples stay stratified.
 const MOST_LOG2: f32 = 4.0;

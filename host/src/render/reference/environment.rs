@@ -4,8 +4,8 @@ use std::f32::consts::{PI, TAU};
 
 use glam::{Vec2, Vec3};
 
-use crate::reflectance::{Rgb, colour};
 use crate::scene::{Environment, environment::texture_of};
+use lobelia_reflectance::{Rgb, colour};
 
 /// An environment with the cumulative distributions of its rows and of the pixels of each row.
 pub(crate) struct Sampled<'a> {

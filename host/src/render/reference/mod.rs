@@ -17,7 +17,6 @@ use std::time::Instant;
 use glam::{Vec3, Vec4};
 use rayon::prelude::*;
 
-use super::image::Picture;
 use super::sampler::hash;
 use super::shading::Rays;
 use super::{Cost, Prepared, Renderer, Rendering, compare};
@@ -25,6 +24,7 @@ use crate::scene::{Camera, Scene};
 use budget::{Clock, Deadline};
 use lobelia_base::error::{Error, Result};
 use lobelia_base::progress;
+use lobelia_reflectance::picture::Picture;
 use trace::{Numbers, PARTS, Shaders, Traced, Tracer};
 
 /// Passes before a budget of time or error is looked at: variance needs more than one.

@@ -8,10 +8,10 @@ use glam::Vec3;
 use super::environment::Sampled;
 use super::lobes;
 use super::rectangle::Rectangle;
-use crate::reflectance::{Lobe, LobeBrdf, Microfacet, Rgb, materials};
 use crate::render::materials::{Materials, Shader};
 use crate::render::sampler::hash;
 use crate::scene::{Environment, Material, showcase};
+use lobelia_reflectance::{Lobe, LobeBrdf, Microfacet, Rgb, materials};
 
 const SAMPLES: u32 = 100_000;
 

@@ -6,8 +6,8 @@ use std::sync::Arc;
 use glam::{Affine3A, Vec3};
 
 use super::*;
-use crate::reflectance::{Brdf, Lobe, LobeBrdf, Rgb, materials};
 use crate::scene::{Background, Camera, Environment, Light, Material, Mesh, Object, shapes};
+use lobelia_reflectance::{Brdf, Lobe, LobeBrdf, Rgb, materials};
 
 /// One object in black space, seen from `position`.
 fn scene(mesh: Mesh, brdf: LobeBrdf, position: Vec3) -> Scene {

@@ -7,12 +7,12 @@ use glam::Vec3;
 use super::environment::{Arriving, Sampled};
 use super::lobes;
 use super::rectangle::{Rectangle, Seen};
-use crate::reflectance::Rgb;
 use crate::render::geometry::{Geometry, Surface};
 use crate::render::materials::{Materials, Shader};
 use crate::render::sampler;
 use crate::render::shading::{self, Lamp};
 use crate::scene::{Light, Scene};
+use lobelia_reflectance::Rgb;
 
 /// Throughput below which roulette decides whether a path goes on: light that takes many bounces is where much of the
 /// noise is, so that paths are better kept than ended as soon as they carry less than the first.

@@ -5,7 +5,7 @@ use std::path::Path;
 use exr::prelude::{Encoding, Image, LineOrder, SpecificChannels, WritableImage};
 use glam::Vec4;
 
-use crate::reflectance::{Rgb, colour, exr_file};
+use crate::{Rgb, colour, exr_file};
 use lobelia_base::error::{Error, Result};
 use lobelia_base::files;
 
@@ -87,7 +87,7 @@ impl Picture {
     ///
     /// # Errors
     /// As [`Self::read_exr`].
-    pub(crate) fn read_exr_layer(path: &Path) -> Result<(Self, bool)> {
+    pub fn read_exr_layer(path: &Path) -> Result<(Self, bool)> {
         let layer = exr_file::read(path, "channels R, G and B", |names| {
             let has = |wanted: &[&str]| wanted.iter().all(|name| names.contains(name));
             // Of a map R, G and B are only a view.
@@ -167,8 +167,8 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("picture.exr");
         example().write(&path, 1.0).unwrap();
-        let environment = crate::scene::Environment::read(&path).unwrap();
-        assert_eq!(environment.pixels[5], Rgb::new(5.0, 0.5, 1e-3));
+        let read = Picture::read_exr(&path).unwrap();
+        assert_eq!(read.rgb(2, 1), Rgb::new(5.0, 0.5, 1e-3));
         assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 1);
     }
 

@@ -17,7 +17,7 @@ const MOST: u64 = 1 << 33;
 ///
 /// # Errors
 /// Input errors for a file that is missing, of another kind, damaged, or larger than its bytes can hold.
-pub(crate) fn decode(path: &Path) -> Result<DynamicImage> {
+pub fn decode(path: &Path) -> Result<DynamicImage> {
     Ok(decode_with_profile(path)?.0)
 }
 
@@ -25,7 +25,7 @@ pub(crate) fn decode(path: &Path) -> Result<DynamicImage> {
 ///
 /// # Errors
 /// As [`decode`].
-pub(crate) fn decode_with_profile(path: &Path) -> Result<(DynamicImage, Option<Vec<u8>>)> {
+pub fn decode_with_profile(path: &Path) -> Result<(DynamicImage, Option<Vec<u8>>)> {
     let reading = |error: image::ImageError| Error::reading(path, sentence(&error));
     let length = std::fs::metadata(path).map_err(|error| Error::reading(path, error))?.len();
     let reader = ImageReader::open(path)
@@ -58,7 +58,7 @@ fn sentence(error: &image::ImageError) -> String {
 
 /// Whether the colourants of an ICC profile are those of sRGB (Rec. 709 adapted to D50); none for a profile without colourants, such as
 /// one of grey or of tables.
-pub(crate) fn is_srgb(profile: &[u8]) -> Option<bool> {
+pub fn is_srgb(profile: &[u8]) -> Option<bool> {
     /// X and Y of red, green and blue.
     const SRGB: [[f64; 2]; 3] = [[0.4361, 0.2225], [0.3851, 0.7169], [0.1431, 0.0606]];
     let word =
@@ -82,7 +82,7 @@ mod tests {
     #[test]
     fn a_jpeg_that_lies_on_its_head_is_turned_upright() {
         // EXIF orientation 3: the sensor's first row is the bottom.
-        let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../tests/cases/ldr/exif3.jpg");
+        let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../tests/cases/ldr/exif3.jpg");
         let upright = decode(&path).unwrap().to_luma8();
         let mut reader = ImageReader::open(&path).unwrap();
         reader.set_format(ImageFormat::Jpeg);

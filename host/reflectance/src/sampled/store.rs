@@ -580,7 +580,7 @@ mod tests {
     }
 
     fn case(name: &str) -> PathBuf {
-        Path::new(env!("CARGO_MANIFEST_DIR")).join("../tests/cases/zarr").join(name)
+        Path::new(env!("CARGO_MANIFEST_DIR")).join("../../tests/cases/zarr").join(name)
     }
 
     #[test]

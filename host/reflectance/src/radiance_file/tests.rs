@@ -51,7 +51,7 @@ fn exposures_and_colour_corrections_are_divided_out_and_primaries_converted() {
 
 #[test]
 fn the_shipped_cases_agree_whatever_their_exposure_and_encoding() {
-    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../tests/cases/hdr");
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../tests/cases/hdr");
     let [plain, exposure, flat] =
         ["plain", "exposure", "flat"].map(|name| read(&folder.join(format!("{name}.hdr"))).unwrap());
     assert_eq!((plain.width, plain.height), (32, 16));

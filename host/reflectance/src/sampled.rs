@@ -7,7 +7,7 @@
 use glam::{DVec2, DVec3, Vec3};
 use half::f16;
 
-use crate::reflectance::Rgb;
+use crate::Rgb;
 
 mod store;
 mod zarr;

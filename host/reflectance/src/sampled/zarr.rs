@@ -361,7 +361,7 @@ mod tests {
     /// and nothing at the last texel of pose 1; sigma is 0.01 and an eighth of that.
     #[test]
     fn a_store_of_pythons_zarr_with_its_defaults_is_read() {
-        let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../tests/cases/zarr/zstd.zarr");
+        let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../tests/cases/zarr/zstd.zarr");
         let read = SampledSbrdf::read_zarr(&path).unwrap();
         assert_eq!((read.width, read.height, read.poses.len(), read.texel_mm), (4, 3, 4, 0.5));
         for texel in 0..12 {

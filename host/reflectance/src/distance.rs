@@ -1,7 +1,13 @@
 //! The bi-angular distance between direction pairs, with reciprocal pairs equal and, for isotropic samples, pairs that
-//! differ by a turn about the normal or a mirror.
+//! differ by a turn about the normal or a mirror; and the polar angles up to which pairs are measured.
 
 use glam::DVec3;
+
+/// Pairs with a polar angle of incidence above this are dropped (3.3.2).
+pub const MAX_THETA_I_DEG: f64 = 75.0;
+
+/// Pairs with a polar angle of the view above this are dropped (3.3.2).
+pub const MAX_THETA_O_DEG: f64 = 65.0;
 
 /// Unit directions toward light and viewer in the sample's frame.
 #[derive(Debug, Clone, Copy, PartialEq)]

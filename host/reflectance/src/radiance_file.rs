@@ -6,22 +6,25 @@ use std::path::Path;
 
 use glam::Vec3;
 
-use crate::reflectance::Rgb;
-use crate::reflectance::colour::Primaries;
+use crate::Rgb;
+use crate::colour::Primaries;
 use lobelia_base::error::{Error, Result};
 
 /// Pixels that one byte of a file can stand for: 4 bytes repeat a pixel 255 times.
 const MOST_RATIO: usize = 64;
 
 /// A picture's size and its pixels, row by row from the top.
-pub(crate) struct Radiance {
-    pub(crate) width: usize,
-    pub(crate) height: usize,
-    pub(crate) pixels: Vec<Rgb>,
+pub struct Radiance {
+    /// Pixels a row.
+    pub width: usize,
+    /// Rows.
+    pub height: usize,
+    /// Row by row from the top.
+    pub pixels: Vec<Rgb>,
 }
 
 /// Whether a file begins as a Radiance picture.
-pub(crate) fn is_radiance(bytes: &[u8]) -> bool {
+pub fn is_radiance(bytes: &[u8]) -> bool {
     bytes.starts_with(b"#?")
 }
 
@@ -29,13 +32,13 @@ pub(crate) fn is_radiance(bytes: &[u8]) -> bool {
 ///
 /// # Errors
 /// Input errors for a file that is missing or no Radiance picture, and for pixels in CIE XYZ.
-pub(crate) fn read(path: &Path) -> Result<Radiance> {
+pub fn read(path: &Path) -> Result<Radiance> {
     let bytes = std::fs::read(path).map_err(|error| Error::reading(path, error))?;
     parse(&bytes).map_err(|message| Error::reading(path, message))
 }
 
 /// Parses a whole file.
-pub(crate) fn parse(bytes: &[u8]) -> std::result::Result<Radiance, String> {
+fn parse(bytes: &[u8]) -> std::result::Result<Radiance, String> {
     if !is_radiance(bytes) {
         return Err("it is no Radiance picture, which begins with #?RADIANCE or #?RGBE".into());
     }
