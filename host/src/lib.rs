@@ -11,13 +11,9 @@ pub mod cli;
 pub mod compare;
 #[cfg(feature = "sim")]
 pub mod demo;
-pub mod develop;
 pub mod edit;
 pub mod fit;
-pub mod plan;
 pub mod render;
-pub mod rig;
-pub mod run;
 pub mod scene;
 pub mod synth;
 pub mod warning;
@@ -26,5 +22,6 @@ pub use lobelia_base::{
     Error, Result, durable, error, figures, files, hash, interrupt, linalg, memory, page, progress,
     provenance, random, report, toml_file,
 };
+pub use lobelia_measure::{develop, plan, rig, run};
 pub use lobelia_reflectance as reflectance;
 pub use lobelia_reflectance::{distance, mip, sampled};

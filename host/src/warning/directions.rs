@@ -8,10 +8,10 @@ use glam::DVec3;
 use crate::fit::linear::eigen;
 use crate::fit::texel::unknowns;
 use crate::fit::{FitOptions, MOST_LOBES};
-use crate::plan::Plan;
-use crate::rig::config::RigConfig;
-use crate::rig::geometry::directions;
 use lobelia_base::warning::{Kind, Warning};
+use lobelia_measure::plan::Plan;
+use lobelia_measure::rig::config::RigConfig;
+use lobelia_measure::rig::geometry::directions;
 use lobelia_reflectance::sampled::PoseGeometry;
 
 /// Directions count as in one plane when none is farther from it than this.
@@ -139,8 +139,8 @@ fn least_product(directions: &[(DVec3, DVec3)], isotropic: bool) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::plan::{self, Extent};
     use crate::synth;
+    use lobelia_measure::plan::{self, Extent};
 
     fn direction(theta_deg: f64, phi_deg: f64) -> DVec3 {
         let (theta, phi) = (theta_deg.to_radians(), phi_deg.to_radians());

@@ -5,10 +5,9 @@
 //! texels that a fit leaves much of.
 
 pub mod directions;
-pub mod frames;
-pub mod predicted;
 pub mod residual;
 pub mod texels;
 
 pub use lobelia_base::warning::{Kind, Warning};
+pub use lobelia_measure::warning::{frames, predicted};
 pub use lobelia_reflectance::warning::samples;

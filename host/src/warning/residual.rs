@@ -231,12 +231,12 @@ mod tests {
     use std::path::Path;
 
     use super::*;
-    use crate::demo::sample;
     use crate::fit::weights::Weights;
     use crate::fit::{FitOptions, Residual, fit_sbrdf};
-    use crate::rig::config::RigConfig;
     use crate::synth::{self, Options};
+    use lobelia_measure::rig::config::RigConfig;
     use lobelia_reflectance::materials;
+    use lobelia_sim::sample;
 
     const SIDE: usize = 40;
     const SPOILT: usize = 17;

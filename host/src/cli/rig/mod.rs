@@ -118,7 +118,7 @@ impl Connection {
 #[cfg(feature = "sim")]
 fn simulated(config: &RigConfig) -> Result<Box<dyn Port>> {
     let mechanics = crate::acquire::simulated::mechanics(config);
-    Ok(Box::new(lobelia_hil_sim::SimulatedRig::new(&mechanics).link()))
+    Ok(crate::acquire::simulated::port(&lobelia_hil_sim::SimulatedRig::new(&mechanics)))
 }
 
 #[cfg(not(feature = "sim"))]

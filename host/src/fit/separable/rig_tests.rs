@@ -12,13 +12,15 @@ use super::shape::Family;
 use super::solver::Solver;
 use super::start::{self, Effort, Task};
 use super::texel::Workspace;
-use crate::acquire::recipe::Recipe;
-use crate::acquire::{self, RunFolder, simulated};
-use crate::demo::{Size, sample};
-use crate::plan::{self, Extent};
 use lobelia_base::random::Random;
+use lobelia_measure::acquire::{self, RunFolder};
+use lobelia_measure::plan::{self, Extent};
 use lobelia_reflectance::sampled::SampledSbrdf;
 use lobelia_reflectance::{Brdf as _, LobeBrdf, SbrdfMap, albedo};
+use lobelia_sim::recipe::Recipe;
+use lobelia_sim::sample;
+use lobelia_sim::simulated;
+use lobelia_sim::size::Size;
 
 /// The demo's brocade, or a recipe, as the simulated rig photographs and develops it at a number of poses.
 fn photographed(size: Size, poses: usize, recipe: Option<&str>) -> SampledSbrdf {
@@ -36,7 +38,7 @@ fn photographed(size: Size, poses: usize, recipe: Option<&str>) -> SampledSbrdf 
     let (created, mut journal) = RunFolder::create(&run, &plan, &rig).unwrap();
     let mut station = simulated::station(&rig, layout()).unwrap();
     acquire::run(&created, &mut journal, &mut station).unwrap();
-    crate::develop::run(&run).unwrap().sampled
+    lobelia_measure::develop::run(&run).unwrap().sampled
 }
 
 /// The cost of a texel's BRDF: of its shapes with the best amplitudes.
