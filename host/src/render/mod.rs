@@ -13,7 +13,6 @@ pub mod compare;
 pub mod environment;
 mod flip;
 mod geometry;
-pub mod gpu;
 pub mod lights;
 mod materials;
 mod math;

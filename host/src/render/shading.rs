@@ -1,25 +1,13 @@
 //! Reflection of lights at a surface point: L = Σ_l f(ω_l, ω_o) L_l (N·ω_l) (6.9), rectangular ones by samples of their surface.
 
-use bytemuck::{Pod, Zeroable};
 use glam::{Vec3, Vec4};
 
 use super::geometry::Surface;
 use super::materials::Shader;
 use super::sampler::hash;
 use crate::scene::{Background, Camera, Light, Scene};
+use lobelia_gpu::lights::Lamp;
 use lobelia_reflectance::Rgb;
-
-/// A light in one layout for CPU and shader.
-#[derive(Debug, Clone, Copy, Pod, Zeroable)]
-#[repr(C)]
-pub(crate) struct Lamp {
-    /// Directional: unit vector toward the light, w = 0. Point: position, w = 1. Rectangle: centre, w = 2.
-    place: Vec4,
-    /// Directional: irradiance. Point: intensity. Rectangle: radiance.
-    power: Vec4,
-    /// A rectangle's edges; it shines to the side of their cross product.
-    edges: [Vec4; 2],
-}
 
 /// A scene's lights.
 pub(crate) fn lamps(lights: &[Light]) -> Vec<Lamp> {
@@ -51,52 +39,50 @@ pub(crate) struct Seen {
 /// Angle between samples of a rectangular light, radians.
 const SAMPLE_ANGLE: f32 = 0.1;
 
-impl Lamp {
-    /// Samples of a rectangle along its edges: by the angle that they span at the distance of its nearest point, `across` at most.
-    fn grid(&self, point: Vec3, across: u32) -> [u32; 2] {
-        if self.place.w != 2.0 {
-            return [1, 1];
-        }
-        let edges = self.edges.map(Vec4::truncate);
-        let to = self.place.truncate() - point;
-        let nearest = edges.iter().fold(to, |nearest, &edge| {
-            nearest + edge * (-to.dot(edge) / edge.length_squared()).clamp(-0.5, 0.5)
-        });
-        let square = nearest.length_squared().max(f32::MIN_POSITIVE);
-        edges.map(|edge| {
-            let angle = (edge.length_squared() / square).sqrt();
-            (angle / SAMPLE_ANGLE).ceil().clamp(1.0, across as f32) as u32
-        })
+/// Samples of a rectangle along its edges: by the angle that they span at the distance of its nearest point, `across` at most.
+fn grid(lamp: &Lamp, point: Vec3, across: u32) -> [u32; 2] {
+    if lamp.place.w != 2.0 {
+        return [1, 1];
     }
+    let edges = lamp.edges.map(Vec4::truncate);
+    let to = lamp.place.truncate() - point;
+    let nearest = edges
+        .iter()
+        .fold(to, |nearest, &edge| nearest + edge * (-to.dot(edge) / edge.length_squared()).clamp(-0.5, 0.5));
+    let square = nearest.length_squared().max(f32::MIN_POSITIVE);
+    edges.map(|edge| {
+        let angle = (edge.length_squared() / square).sqrt();
+        (angle / SAMPLE_ANGLE).ceil().clamp(1.0, across as f32) as u32
+    })
+}
 
-    /// Direction, distance and irradiance at a point: of a rectangle's part in cell `k` of a grid, at a place in the cell that the
-    /// seed gives.
-    fn see(&self, point: Vec3, [columns, rows]: [u32; 2], k: u32, seed: u32) -> Seen {
-        if self.place.w == 0.0 {
-            return Seen {
-                toward: self.place.truncate(),
-                distance: f32::INFINITY,
-                irradiance: self.power.truncate(),
-            };
-        }
-        let mut to = self.place.truncate() - point;
-        let [u, v] = self.edges.map(Vec4::truncate);
-        if self.place.w == 2.0 {
-            let cell = |at: u32, shift: u32, count: u32| {
-                (at as f32 + shift as f32 * (1.0 / 65536.0)) / count as f32 - 0.5
-            };
-            to += u * cell(k % columns, seed & 0xffff, columns) + v * cell(k / columns, seed >> 16, rows);
-        }
-        let square = to.length_squared().max(f32::MIN_POSITIVE);
-        let distance = square.sqrt();
-        let toward = to / distance;
-        let mut irradiance = self.power.truncate() / square;
-        if self.place.w == 2.0 {
-            // The cross product's length is the area.
-            irradiance *= (-u.cross(v).dot(toward)).max(0.0) / (columns * rows) as f32;
-        }
-        Seen { toward, distance, irradiance }
+/// Direction, distance and irradiance at a point: of a rectangle's part in cell `k` of a grid, at a place in the cell that the
+/// seed gives.
+fn see(lamp: &Lamp, point: Vec3, [columns, rows]: [u32; 2], k: u32, seed: u32) -> Seen {
+    if lamp.place.w == 0.0 {
+        return Seen {
+            toward: lamp.place.truncate(),
+            distance: f32::INFINITY,
+            irradiance: lamp.power.truncate(),
+        };
     }
+    let mut to = lamp.place.truncate() - point;
+    let [u, v] = lamp.edges.map(Vec4::truncate);
+    if lamp.place.w == 2.0 {
+        let cell = |at: u32, shift: u32, count: u32| {
+            (at as f32 + shift as f32 * (1.0 / 65536.0)) / count as f32 - 0.5
+        };
+        to += u * cell(k % columns, seed & 0xffff, columns) + v * cell(k / columns, seed >> 16, rows);
+    }
+    let square = to.length_squared().max(f32::MIN_POSITIVE);
+    let distance = square.sqrt();
+    let toward = to / distance;
+    let mut irradiance = lamp.power.truncate() / square;
+    if lamp.place.w == 2.0 {
+        // The cross product's length is the area.
+        irradiance *= (-u.cross(v).dot(toward)).max(0.0) / (columns * rows) as f32;
+    }
+    Seen { toward, distance, irradiance }
 }
 
 /// Radiance reflected toward the viewer from all lamps, rectangles by `across` samples along an edge at most, as far as `visible`
@@ -111,9 +97,9 @@ pub(crate) fn reflect_lights(
 ) -> Rgb {
     let mut radiance = Rgb::ZERO;
     for (index, lamp) in (0u32..).zip(lamps) {
-        let grid = lamp.grid(surface.position, across);
-        for k in 0..grid[0] * grid[1] {
-            let seen = lamp.see(surface.position, grid, k, hash(seed ^ (index << 16 | k)));
+        let cells = grid(lamp, surface.position, across);
+        for k in 0..cells[0] * cells[1] {
+            let seen = see(lamp, surface.position, cells, k, hash(seed ^ (index << 16 | k)));
             let wi = surface.to_local(seen.toward);
             if wi.z <= 0.0 {
                 continue;

@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::sync::{Mutex, PoisonError};
 
-use bytemuck::{Pod, Zeroable};
+use bytemuck::Zeroable;
 use glam::{Vec3, Vec4};
 use wgpu::BufferUsages;
 
@@ -11,19 +11,10 @@ use super::super::lm::Limits;
 use super::super::model::{Model, ModelLobe};
 use super::super::separable::normal::Amplitudes;
 use super::super::separable::shape::Family;
-use crate::render::gpu::Gpu;
 use lobelia_base::error::Result;
+use lobelia_gpu::Gpu;
+use lobelia_gpu::fit::{Fit, Job, SHADER, Texel};
 
-/// The shader; constants are put before it.
-const SHADER: &str = concat!(
-    include_str!("../../../../shaders/fit.wgsl"),
-    include_str!("../../../../shaders/fit/linear.wgsl"),
-    include_str!("../../../../shaders/fit/shapes.wgsl"),
-    include_str!("../../../../shaders/fit/columns.wgsl"),
-    include_str!("../../../../shaders/fit/normal.wgsl"),
-    include_str!("../../../../shaders/fit/solver.wgsl"),
-    include_str!("../../../../shaders/fit/start.wgsl"),
-);
 /// Sets a submission: drivers end work that takes seconds.
 const SETS: u32 = 2048;
 /// Directions of the bank of starts, as in the shader.
@@ -31,56 +22,19 @@ pub(super) const DIRECTIONS: usize = 24;
 /// Exponents of the bank: 1, 2, 4, …
 pub(super) const EXPONENTS: usize = 10;
 
-/// A set of shapes with its amplitudes, as the shader has it.
-#[derive(Debug, Clone, Copy, Default, Pod, Zeroable)]
-#[repr(C)]
-pub(super) struct Fit {
-    /// Place of the texel among the samples.
-    pub(super) texel: u32,
-    beta: f32,
-    /// Σ over channels of the squared residuals.
-    pub(super) cost: f32,
-    unused: u32,
-    /// C and n.
-    lobes: [Vec4; 4],
-    /// ρ_d and amplitudes, times the channel's scale.
-    x: [Vec4; 5],
+/// The set without lobes.
+pub(super) fn diffuse(texel: usize, at: &Amplitudes) -> Fit {
+    Fit::diffuse(texel, at.cost as f32, Vec3::from_array(at.x.map(|x| x[0] as f32)))
 }
 
-impl Fit {
-    /// The set without lobes.
-    pub(super) fn diffuse(texel: usize, at: &Amplitudes) -> Self {
-        let mut fit = Self { texel: texel as u32, cost: at.cost as f32, ..Self::default() };
-        fit.x[0] = Vec3::from_array(at.x.map(|x| x[0] as f32)).extend(0.0);
-        fit
+/// The first `lobes` shapes of a set.
+pub(super) fn model(fit: &Fit, lobes: usize) -> Model {
+    let lobe = |lobe: &Vec4| ModelLobe::unit(lobe.truncate().as_dvec3(), f64::from(lobe.w));
+    Model {
+        beta: f64::from(fit.beta),
+        lobes: fit.lobes[..lobes].iter().map(lobe).collect(),
+        ..Model::default()
     }
-
-    /// The set with one lobe more, of amplitude 0.
-    pub(super) fn with_lobe(mut self, lobe: usize, c: Vec3, n: f32) -> Self {
-        self.lobes[lobe] = c.extend(n);
-        self.x[1 + lobe] = Vec4::ZERO;
-        self
-    }
-
-    /// The first `lobes` shapes.
-    pub(super) fn model(&self, lobes: usize) -> Model {
-        let lobe = |lobe: &Vec4| ModelLobe::unit(lobe.truncate().as_dvec3(), f64::from(lobe.w));
-        Model {
-            beta: f64::from(self.beta),
-            lobes: self.lobes[..lobes].iter().map(lobe).collect(),
-            ..Model::default()
-        }
-    }
-}
-
-/// What the shader has to know of a texel beside its samples.
-#[derive(Debug, Clone, Copy, Default, Pod, Zeroable)]
-#[repr(C)]
-pub(super) struct Texel {
-    /// Largest amplitude a channel; the sum of the squared goals.
-    pub(super) most: Vec4,
-    /// Largest θ_i and θ_o; two places unused.
-    pub(super) cone: Vec4,
 }
 
 /// The samples of a batch of texels.
@@ -104,20 +58,6 @@ pub(super) struct Samples {
 pub(super) struct Uploaded {
     buffers: [wgpu::Buffer; 3],
     job: Job,
-}
-
-/// Uniforms of the shader.
-#[derive(Debug, Clone, Copy, Pod, Zeroable)]
-#[repr(C)]
-struct Job {
-    poses: u32,
-    channels: u32,
-    diffuse: u32,
-    iterations: u32,
-    tolerance: f32,
-    lobes: u32,
-    unknowns: u32,
-    first: u32,
 }
 
 /// What the shader does with every set.

@@ -25,8 +25,9 @@ use super::separable::texel::{Workspace, channel_groups};
 use super::texel::TexelFit;
 use super::weights::Weights;
 use super::{Device, FitOptions, Method};
-use kernels::{Fit, Kernels, Samples, Texel, Uploaded};
+use kernels::{Kernels, Samples, Uploaded};
 use lobelia_base::error::{Error, Result};
+use lobelia_gpu::fit::{Fit, Texel};
 use lobelia_reflectance::sampled::{SampledSbrdf, SampledStore};
 use search::Beam;
 
@@ -175,7 +176,7 @@ impl Batch<'_> {
             let whole: f64 = aimed.iter().map(|a| f64::from(a.length_squared() - a.x * a.x)).sum();
             texel.most = Vec3::from_array(data.most.map(|x| x as f32)).extend(whole as f32);
             texel.cone = Vec4::new(data.cone[0] as f32, data.cone[1] as f32, 0.0, 0.0);
-            (task, Fit::diffuse(place, &at))
+            (task, kernels::diffuse(place, &at))
         });
         let starts = starts.collect();
         (samples, starts)

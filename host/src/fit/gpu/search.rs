@@ -5,8 +5,9 @@ use glam::Vec3;
 use super::super::model::Model;
 use super::super::separable::shape::Family;
 use super::super::separable::start::Effort;
-use super::kernels::{DIRECTIONS, EXPONENTS, Fit, Kernels, Uploaded};
+use super::kernels::{self, DIRECTIONS, EXPONENTS, Kernels, Uploaded};
 use lobelia_base::error::Result;
+use lobelia_gpu::fit::Fit;
 
 /// The sets of shapes that go on, texel by texel.
 pub(super) struct Beam<'a> {
@@ -82,7 +83,7 @@ impl<'a> Beam<'a> {
             let limits = self.effort.limits;
             self.kernels.minimise(self.samples, self.family, lobes, limits, &mut best, false)?;
             for (place, fit) in places.into_iter().zip(best) {
-                models[place] = fit.model(lobes);
+                models[place] = kernels::model(&fit, lobes);
             }
         }
         Ok(models)

@@ -1,33 +1,19 @@
 //! Slices of a prefiltered environment on the GPU: the light's points summed under a lobe, a pixel an invocation. In f32 a sum of
 //! points is exact where the harmonics of [`spectrum`](super::spectrum) would drown a sky beside its sun.
 
-use bytemuck::{Pod, Zeroable};
 use glam::{Vec3, Vec4};
 use wgpu::BufferUsages;
 
 use super::source::{Cap, Source};
-use crate::render::gpu::Gpu;
 use crate::scene::Environment;
 use lobelia_base::error::Result;
+use lobelia_gpu::Gpu;
+use lobelia_gpu::environment::{PREFILTER, Task};
 
-/// The shader.
-const SHADER: &str = include_str!("../../../../shaders/prefilter.wgsl");
 /// Invocations of a workgroup, as in the shader.
 const GROUP: u32 = 64;
 /// Lobe terms a submission: drivers end work that takes seconds.
 const TERMS: u64 = 1 << 28;
-
-/// Uniforms of the shader.
-#[derive(Debug, Clone, Copy, Pod, Zeroable)]
-#[repr(C)]
-struct Task {
-    source: [u32; 2],
-    map: [u32; 2],
-    n: f32,
-    least_cosine: f32,
-    reach: f32,
-    first: u32,
-}
 
 /// The pipeline on its device.
 pub(super) struct Prefilter<'a> {
@@ -44,7 +30,7 @@ impl<'a> Prefilter<'a> {
         let pipeline = gpu.guarded(|| {
             let module = gpu.device.create_shader_module(wgpu::ShaderModuleDescriptor {
                 label: Some("prefilter.wgsl"),
-                source: wgpu::ShaderSource::Wgsl(SHADER.into()),
+                source: wgpu::ShaderSource::Wgsl(PREFILTER.into()),
             });
             Ok(gpu.device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
                 label: Some("prefilter"),

@@ -5,7 +5,6 @@
 //! bilinear lookup meets at every exponent. Between exponents log S is blended. Sizes of maps and the spacing of exponents
 //! follow from an error ([`accuracy`]).
 
-use bytemuck::{Pod, Zeroable};
 use glam::{Vec2, Vec3, Vec4};
 use rayon::prelude::*;
 
@@ -14,6 +13,7 @@ use super::{accuracy, gpu};
 use crate::render::math;
 use crate::scene::{Environment, environment::texture_of};
 use lobelia_base::error::Result;
+use lobelia_gpu::environment::Map;
 use lobelia_reflectance::Rgb;
 
 /// log₂ of nothing.
@@ -60,16 +60,6 @@ pub(super) fn log2(value: Rgb) -> Rgb {
 /// Light from three logarithms and their weights.
 pub(super) fn blended(logarithms: [Rgb; 3], weights: [f32; 3]) -> Rgb {
     logarithms.into_iter().zip(weights).map(|(log, weight)| log * weight).sum::<Rgb>().map(math::exp2)
-}
-
-/// Where a map lies in the run of all pixels, as the shader has it.
-#[derive(Debug, Clone, Copy, Pod, Zeroable)]
-#[repr(C)]
-pub(super) struct Place {
-    n: f32,
-    first: u32,
-    width: u32,
-    height: u32,
 }
 
 /// The maps of one environment.
@@ -150,11 +140,11 @@ impl Prefiltered {
     }
 
     /// All maps as one run of pixels, that of D(N) first, with where each lies.
-    pub(super) fn packed(&self) -> (Vec<Place>, Vec<Vec4>) {
+    pub(super) fn packed(&self) -> (Vec<Map>, Vec<Vec4>) {
         let (mut places, mut pixels) = (Vec::new(), Vec::new());
         for &(n, ref map) in self.maps() {
             let (width, height) = (map.width as u32, map.height as u32);
-            places.push(Place { n, first: pixels.len() as u32, width, height });
+            places.push(Map { n, first: pixels.len() as u32, width, height });
             pixels.extend(map.pixels.iter().map(|pixel| pixel.extend(0.0)));
         }
         (places, pixels)

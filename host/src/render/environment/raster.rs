@@ -2,32 +2,16 @@
 
 use std::time::Instant;
 
-use bytemuck::{Pod, Zeroable};
-use glam::Vec4;
 use wgpu::BufferUsages;
 
 use super::{Coats, Horizon, Light, Settings};
 use crate::render::Prepared;
-use crate::render::gpu::Gpu;
 use crate::render::lights::{self, Distant, Lights};
 use crate::render::materials::Materials;
 use crate::scene::Scene;
 use lobelia_base::error::Result;
-
-/// What the raster adds to shaders/lights.wgsl.
-const SHADER: &str = include_str!("../../../../shaders/environment.wgsl");
-
-/// Uniforms of the shader.
-#[derive(Debug, Clone, Copy, Pod, Zeroable)]
-#[repr(C)]
-struct Sky {
-    turn: [f32; 2],
-    maps: u32,
-    horizon: u32,
-    harmonics: u32,
-    padding: [u32; 3],
-    coefficients: [Vec4; 9],
-}
+use lobelia_gpu::Gpu;
+use lobelia_gpu::environment::{SHADER, Sky};
 
 /// Makes a scene ready on the GPU.
 pub(super) fn prepare<'a>(
@@ -52,18 +36,9 @@ fn drawn(settings: &Settings) -> lights::Settings {
 /// Puts what the shader reads on the device.
 fn upload(gpu: &Gpu, light: &Light) -> Result<Distant> {
     let (places, pixels) = light.maps.packed();
-    let (sin, cos) = light.maps.rotation.sin_cos();
-    let sky = Sky {
-        turn: [cos, sin],
-        maps: places.len() as u32 - 1,
-        horizon: light.horizon.is_some().into(),
-        harmonics: light.harmonics.is_some().into(),
-        padding: [0; 3],
-        coefficients: match &light.harmonics {
-            Some(harmonics) => harmonics.coefficients.map(|coefficient| coefficient.extend(0.0)),
-            None => [Vec4::ZERO; 9],
-        },
-    };
+    let harmonics = light.harmonics.as_ref();
+    let coefficients = harmonics.map(|light| light.coefficients.map(|coefficient| coefficient.extend(0.0)));
+    let sky = Sky::new(light.maps.rotation, places.len() as u32 - 1, light.horizon.is_some(), coefficients);
     let clipped = light.horizon.map_or_else(Vec::new, Horizon::packed);
     let buffers = [
         gpu.buffer("sky", &[sky], BufferUsages::UNIFORM)?,

@@ -11,9 +11,10 @@ use crate::render::bvh::Hit;
 use crate::render::geometry::{Geometry, Surface};
 use crate::render::materials::{Materials, PackedLobe, Shader};
 use crate::render::sampler::hash;
-use crate::render::shading::{self, Lamp, Rays, Seen};
+use crate::render::shading::{self, Rays, Seen};
 use crate::scene::Scene;
 use lobelia_base::error::Result;
+use lobelia_gpu::lights::Lamp;
 use lobelia_reflectance::Rgb;
 use lobelia_reflectance::picture::Picture;
 

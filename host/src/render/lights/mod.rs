@@ -15,13 +15,13 @@ use std::time::Instant;
 
 use glam::{BVec3, Mat4, Vec3, Vec4};
 
-use super::gpu::Gpu;
 use super::shading::{self, Rays};
 use super::storage::Storage;
 use super::{Cost, Prepared, Renderer, Rendering};
 use crate::edit::levels;
 use crate::scene::{Camera, Reflectance, Scene};
 use lobelia_base::error::{Error, Result};
+use lobelia_gpu::Gpu;
 use lobelia_reflectance::SbrdfMap;
 use lobelia_reflectance::mip;
 use lobelia_reflectance::picture::Picture;

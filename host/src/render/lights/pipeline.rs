@@ -6,26 +6,17 @@ use std::time::Instant;
 use glam::Vec4;
 use wgpu::{BufferUsages, TextureFormat, TextureUsages};
 
-use super::upload::{Uploads, View};
+use super::upload::Uploads;
 use super::{Distant, Filtering, Settings};
-use crate::render::gpu::Gpu;
 use crate::render::storage::Storage;
 use crate::scene::Camera;
 use lobelia_base::error::{Error, Result};
 use lobelia_base::report::cpu_seconds;
+use lobelia_gpu::Gpu;
+use lobelia_gpu::lights::{NOT_DISTANT, SHADER, View};
 
 /// Seconds that a round of frames may take.
 const ROUND_SECONDS: f64 = 2.0;
-/// The shader and its parts.
-const SHADER: &str = concat!(
-    include_str!("../../../../shaders/lights.wgsl"),
-    include_str!("../../../../shaders/lights/texels.wgsl"),
-    include_str!("../../../../shaders/lights/footprint.wgsl"),
-    include_str!("../../../../shaders/lights/shadows.wgsl"),
-    include_str!("../../../../shaders/lights/lamps.wgsl"),
-);
-/// Where there is no light from afar.
-const NOT_DISTANT: &str = "fn distant_of(object: u32, footprint: Footprint, frame: mat3x3f, wo: vec3f) -> vec3f { return vec3f(0.0); }";
 const DEPTH: TextureFormat = TextureFormat::Depth32Float;
 /// Numbers of samples that adapters may have, from the most down.
 const SAMPLES: [u32; 5] = [16, 8, 4, 2, 1];

@@ -3,8 +3,7 @@
 use std::ops::Range;
 use std::time::Duration;
 
-use bytemuck::{Pod, Zeroable};
-use glam::{Mat4, Vec3A, Vec4};
+use glam::{Vec3A, Vec4};
 use obvhs::BvhBuildParams;
 use obvhs::bvh2::Bvh2;
 use obvhs::bvh2::builder::build_bvh2_from_tris;
@@ -12,73 +11,17 @@ use obvhs::triangle::Triangle;
 
 use super::Settings;
 use crate::render::geometry;
-use crate::render::shading::{self, Lamp};
+use crate::render::shading;
 use crate::render::storage::{Storage, brightest_of};
 use crate::scene::{Filter, Light, Material, Mesh, Reflectance, Scene, Vertex};
+use lobelia_gpu::lights::{self, Lamp, Leaf, Node};
 use lobelia_reflectance::{Microfacet, Rgb};
-
-/// Uniforms.
-#[derive(Debug, Clone, Copy, Pod, Zeroable)]
-#[repr(C)]
-pub(super) struct View {
-    pub(super) projection: Mat4,
-    /// w: number of lamps.
-    pub(super) eye: Vec4,
-    /// x: length by which shadow rays are kept off surfaces.
-    pub(super) offset: Vec4,
-}
-
-/// A material: its texels and how they are looked up.
-#[derive(Debug, Clone, Copy, Default, Pod, Zeroable)]
-#[repr(C)]
-pub(super) struct PackedMaterial {
-    first: u32,
-    width: u32,
-    height: u32,
-    bilinear: u32,
-    tiling: [f32; 2],
-    levels: u32,
-    brightest: f32,
-    emission: [f32; 3],
-    emits: u32,
-    /// First word, columns, rows.
-    mask: [u32; 3],
-    /// Most lobes of a texel.
-    lobes: u32,
-    /// Microfacet terms of every texel.
-    coats: u32,
-    padding: [u32; 3],
-}
-
-/// A node of the tree, a node's first child after it; for leaves the run of triangles, else a count of 0 and the node that follows
-/// its last descendant.
-#[derive(Debug, Clone, Copy, Pod, Zeroable)]
-#[repr(C)]
-pub(super) struct Node {
-    low: [f32; 3],
-    first: u32,
-    high: [f32; 3],
-    count: u32,
-}
-
-/// A triangle in the tree's order.
-#[derive(Debug, Clone, Copy, Pod, Zeroable)]
-#[repr(C)]
-pub(super) struct Leaf {
-    corner: [f32; 3],
-    triangle: u32,
-    /// From the second corner to the first, and from the first to the third.
-    e1: [f32; 3],
-    object: u32,
-    e2: [f32; 3],
-    padding: u32,
-}
 
 /// Everything of a scene that is uploaded.
 pub(super) struct Uploads {
     pub(super) lamps: Vec<Lamp>,
     /// One an object, then one a rectangular light.
-    pub(super) materials: Vec<PackedMaterial>,
+    pub(super) materials: Vec<lights::Material>,
     /// The first word of every texel, and the end of the last.
     pub(super) starts: Vec<u32>,
     /// Texels, then masks.
@@ -122,7 +65,11 @@ impl Uploads {
         for light in &scene.lights {
             if let Light::Rectangle { radiance, .. } = light {
                 let emission = radiance.to_array();
-                uploads.materials.push(PackedMaterial { emission, emits: 1, ..PackedMaterial::default() });
+                uploads.materials.push(lights::Material {
+                    emission,
+                    emits: 1,
+                    ..lights::Material::default()
+                });
             }
         }
         if settings.shadows {
@@ -149,7 +96,7 @@ impl Uploads {
             Reflectance::Uniform(_) => (1, 1),
             Reflectance::Map(map) => (map.width as u32, map.height as u32),
         };
-        self.materials.push(PackedMaterial {
+        self.materials.push(lights::Material {
             first,
             width,
             height,
@@ -159,7 +106,7 @@ impl Uploads {
             brightest: if storage == Storage::Bits8Scaled { brightest } else { 1.0 },
             lobes,
             coats: coats as u32,
-            ..PackedMaterial::default()
+            ..lights::Material::default()
         });
     }
 
@@ -175,14 +122,8 @@ impl Uploads {
         self.nodes = in_depth_first_order(&tree);
         let leaf = |&index: &u32| {
             let Triangle { v0, v1, v2 } = triangles[index as usize];
-            Leaf {
-                corner: v0.to_array(),
-                triangle: index,
-                e1: (v0 - v1).to_array(),
-                object: runs.partition_point(|run| run.end <= index) as u32,
-                e2: (v2 - v0).to_array(),
-                padding: 0,
-            }
+            let object = runs.partition_point(|run| run.end <= index) as u32;
+            Leaf::new(v0.to_array(), [(v0 - v1).to_array(), (v2 - v0).to_array()], index, object)
         };
         self.leaves = tree.primitive_indices.iter().map(leaf).collect();
     }

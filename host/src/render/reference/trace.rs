@@ -10,8 +10,9 @@ use super::rectangle::{Rectangle, Seen};
 use crate::render::geometry::{Geometry, Surface};
 use crate::render::materials::{Materials, Shader};
 use crate::render::sampler;
-use crate::render::shading::{self, Lamp};
+use crate::render::shading;
 use crate::scene::{Light, Scene};
+use lobelia_gpu::lights::Lamp;
 use lobelia_reflectance::Rgb;
 
 /// Throughput below which roulette decides whether a path goes on: light that takes many bounces is where much of the

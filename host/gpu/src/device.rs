@@ -1,20 +1,19 @@
 //! The GPU: finding one, uploading, drawing and reading back, with every fault of the driver as an [`Error`].
 
-#[cfg(unix)]
-mod noise;
-
 use bytemuck::Pod;
 use glam::Vec4;
 use wgpu::util::DeviceExt;
 
+#[cfg(unix)]
+use crate::noise;
 use lobelia_base::error::{Error, Result};
 
 /// A device that is ready for work.
-pub(crate) struct Gpu {
+pub struct Gpu {
     /// Makes resources.
-    pub(crate) device: wgpu::Device,
+    pub device: wgpu::Device,
     /// Takes work.
-    pub(crate) queue: wgpu::Queue,
+    pub queue: wgpu::Queue,
     adapter: wgpu::Adapter,
 }
 
@@ -29,7 +28,7 @@ impl Gpu {
     ///
     /// # Errors
     /// A failure when there is no adapter or no driver.
-    pub(crate) fn open() -> Result<Self> {
+    pub fn open() -> Result<Self> {
         #[cfg(unix)]
         return noise::kept_off(Self::open_fastest);
         #[cfg(not(unix))]
@@ -65,18 +64,18 @@ impl Gpu {
     }
 
     /// Name and driver.
-    pub(crate) fn name(&self) -> String {
+    pub fn name(&self) -> String {
         let info = self.adapter.get_info();
         format!("{} ({}, {})", info.name, info.backend, info.driver_info.trim())
     }
 
     /// Whether the adapter computes on the CPU, as Mesa's lavapipe does.
-    pub(crate) fn is_software(&self) -> bool {
+    pub fn is_software(&self) -> bool {
         self.adapter.get_info().device_type == wgpu::DeviceType::Cpu
     }
 
     /// The first of `wanted` (a format and a number of samples) that can be drawn to, resolved and copied.
-    pub(crate) fn target(&self, wanted: &[(wgpu::TextureFormat, u32)]) -> Option<(wgpu::TextureFormat, u32)> {
+    pub fn target(&self, wanted: &[(wgpu::TextureFormat, u32)]) -> Option<(wgpu::TextureFormat, u32)> {
         let usages = wgpu::TextureUsages::RENDER_ATTACHMENT | wgpu::TextureUsages::COPY_SRC;
         wanted.iter().copied().find(|&(format, samples)| {
             let features = self.adapter.get_texture_format_features(format);
@@ -96,7 +95,7 @@ impl Gpu {
     ///
     /// # Errors
     /// The work's own, or a failure that quotes the driver.
-    pub(crate) fn guarded<T>(&self, work: impl FnOnce() -> Result<T>) -> Result<T> {
+    pub fn guarded<T>(&self, work: impl FnOnce() -> Result<T>) -> Result<T> {
         let scopes =
             [wgpu::ErrorFilter::Validation, wgpu::ErrorFilter::OutOfMemory, wgpu::ErrorFilter::Internal]
                 .map(|filter| self.device.push_error_scope(filter));
@@ -115,7 +114,7 @@ impl Gpu {
     ///
     /// # Errors
     /// A failure when the content is larger than the device can bind.
-    pub(crate) fn buffer<T: Pod>(
+    pub fn buffer<T: Pod>(
         &self,
         label: &str,
         content: &[T],
@@ -144,7 +143,7 @@ impl Gpu {
     ///
     /// # Errors
     /// A failure when the device is lost or out of memory.
-    pub(crate) fn read_texture(
+    pub fn read_texture(
         &self,
         mut encoder: wgpu::CommandEncoder,
         texture: &wgpu::Texture,
@@ -197,7 +196,7 @@ impl Gpu {
     ///
     /// # Errors
     /// A failure when the device is lost or out of memory.
-    pub(crate) fn read_buffer(&self, source: &wgpu::Buffer) -> Result<Vec<Vec4>> {
+    pub fn read_buffer(&self, source: &wgpu::Buffer) -> Result<Vec<Vec4>> {
         let buffer = self.device.create_buffer(&wgpu::BufferDescriptor {
             label: Some("values"),
             size: source.size(),
@@ -215,7 +214,7 @@ impl Gpu {
     ///
     /// # Errors
     /// A failure when the device is lost.
-    pub(crate) fn wait(&self) -> Result<()> {
+    pub fn wait(&self) -> Result<()> {
         let done = self.device.poll(wgpu::PollType::wait_indefinitely());
         done.map(drop).map_err(|error| fault("its work cannot be waited for", error))
     }

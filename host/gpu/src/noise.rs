@@ -11,7 +11,7 @@ const NOISE: &str = "XDG_RUNTIME_DIR";
 static DIVERTED: Mutex<()> = Mutex::new(());
 
 /// Runs some work; what it writes to standard error comes out afterwards, but for the noise.
-pub(super) fn kept_off<T>(work: impl FnOnce() -> T) -> T {
+pub(crate) fn kept_off<T>(work: impl FnOnce() -> T) -> T {
     let _one = DIVERTED.lock().unwrap_or_else(PoisonError::into_inner);
     let diverted = if std::env::var_os(NOISE).is_none() { Diverted::new() } else { None };
     let done = work();
