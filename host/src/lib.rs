@@ -11,17 +11,14 @@ pub mod cli;
 pub mod compare;
 #[cfg(feature = "sim")]
 pub mod demo;
-pub mod edit;
-pub mod fit;
-pub mod render;
-pub mod scene;
-pub mod synth;
 pub mod warning;
 
 pub use lobelia_base::{
     Error, Result, durable, error, figures, files, hash, interrupt, linalg, memory, page, progress,
     provenance, random, report, toml_file,
 };
+pub use lobelia_fit::{edit, fit, synth};
 pub use lobelia_measure::{develop, plan, rig, run};
 pub use lobelia_reflectance as reflectance;
 pub use lobelia_reflectance::{distance, mip, sampled};
+pub use lobelia_render::{render, scene};

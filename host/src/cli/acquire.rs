@@ -18,7 +18,7 @@ use crate::rig::config::RigConfig;
 use crate::rig::trace::Recorder;
 use crate::rig::{RigClient, open_port};
 use crate::warning::samples::{self, Step};
-use crate::warning::{Kind, Warning, directions};
+use crate::warning::{self, Kind, Warning};
 
 /// Arguments of `lobelia acquire`.
 #[derive(Debug, Args)]
@@ -79,7 +79,7 @@ pub(super) fn run(args: &AcquireArgs, context: &mut Context) -> Result<()> {
     if let Some(path) = &args.record {
         station.client.record(Recorder::create(path)?);
     }
-    context.warn(directions::of_plan(&run.rig, &run.plan));
+    context.warn(warning::of_plan(&run.rig, &run.plan));
     interrupt::catch_interrupts();
     let acquired = context.report.stage("acquire", || acquire::run(&run, &mut journal, &mut station))?;
     context.report.figure("poses", acquired.poses);
