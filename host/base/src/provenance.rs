@@ -8,13 +8,22 @@ use std::collections::BTreeMap;
 use std::path::Path;
 use std::time::{SystemTime, UNIX_EPOCH};
 
-use crate::report::Input;
+use serde::Serialize;
 
 /// Options with a value, and options without, that change nothing in what is made.
 const WITH_VALUE: [&str; 6] = ["-o", "--output", "--out", "--report", "--threads", "--chunks"];
 const WITHOUT_VALUE: [&str; 5] = ["-q", "--quiet", "-v", "--verbose", "--mip"];
 /// The option that takes shards, which are parts of the same fit.
 const SHARDS: &str = "--merge";
+
+/// A file that was read.
+#[derive(Debug, Clone, Serialize)]
+pub struct Input {
+    /// As named by the user.
+    pub path: String,
+    /// Hash of the file; of a sampled SBRDF, that of its size and poses; of another folder, that of its files' names and hashes.
+    pub sha256: Option<String>,
+}
 
 /// Texts by name, as maps and stores hold them.
 pub type Texts = BTreeMap<String, String>;

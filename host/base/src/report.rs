@@ -13,6 +13,8 @@ use crate::interrupt::interrupted;
 use crate::warning::Warning;
 use crate::{files, progress, provenance};
 
+pub use crate::provenance::Input;
+
 /// What a command did, with what, how long it took and how wrong it is.
 #[derive(Debug, Clone, Serialize)]
 pub struct Report {
@@ -53,15 +55,6 @@ pub struct Machine {
     pub cores: usize,
     /// Adapter of the GPU, when one was used.
     pub gpu: Option<String>,
-}
-
-/// A file that was read.
-#[derive(Debug, Clone, Serialize)]
-pub struct Input {
-    /// As named by the user.
-    pub path: String,
-    /// Hash of the file; of a sampled SBRDF, that of its size and poses; of another folder, that of its files' names and hashes.
-    pub sha256: Option<String>,
 }
 
 /// A stage and its duration.

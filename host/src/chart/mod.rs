@@ -17,6 +17,7 @@ pub mod render;
 mod residual;
 pub mod stability;
 pub mod storage;
+mod unposed;
 
 pub use crate::page::{Axis, Cell, Chart, Picture, Plot, Section, Series, Table};
 

@@ -95,7 +95,7 @@ fn errors(side: usize, seed: u64, done: impl Fn()) -> Result<Vec<([f64; MODELS.l
                 ..FitOptions::default()
             };
             let map = fit::fit_sbrdf(&sampled, &options)?;
-            let sorted = super::fit::errors(&map, &truth, seed);
+            let sorted = super::unposed::errors(&map, &truth, seed);
             *error = sorted[sorted.len() / 2];
             let found = (0..truth.len()).filter(|&texel| is_found(&map, texel, kind)).count();
             right = found as f64 / truth.len() as f64;

@@ -182,7 +182,7 @@ fn measured(case: &Case, side: usize, poses: usize, seed: u64) -> Result<Found> 
         let start = Instant::now();
         let map = fit()?;
         found.time_s[place] = start.elapsed().as_secs_f64();
-        let errors = super::fit::errors(&map, &truth, seed);
+        let errors = super::unposed::errors(&map, &truth, seed);
         found.error[place] = errors[errors.len() / 2];
     }
     Ok(found)

@@ -3,7 +3,7 @@
 use glam::{DVec3, Vec3};
 
 use super::{percent, quantile, sampled};
-use crate::chart::fit::relative_error;
+use crate::chart::unposed::relative_error;
 use crate::chart::{Axis, Cell, Plot, Section, Series, Table};
 use crate::distance::{MAX_THETA_I_DEG, MAX_THETA_O_DEG};
 use crate::error::Result;

@@ -156,7 +156,7 @@ fn judged(kind: Kind, side: usize, seed: u64, done: impl Fn()) -> Result<Vec<Lef
         let options = FitOptions { lobes, choose, extensions, ..FitOptions::default() };
         let map = fit::fit_sbrdf(&sampled, &options)?;
         let squares: Vec<f64> = (0..truth.len()).map(|texel| chi_square(&sampled, &map, texel)).collect();
-        let errors = crate::chart::fit::errors(&map, &truth, seed);
+        let errors = crate::chart::unposed::errors(&map, &truth, seed);
         let tied = map.extra.get("tied").map_or(0.0, |plane| percent(plane.iter().map(|&tied| tied > 0.0)));
         done();
         Ok(Left {

@@ -9,8 +9,8 @@ use wgpu::BufferUsages;
 
 use super::super::lm::Limits;
 use super::super::model::{Model, ModelLobe};
+use super::super::separable::layout::Family;
 use super::super::separable::normal::Amplitudes;
-use super::super::separable::shape::Family;
 use lobelia_base::error::Result;
 use lobelia_gpu::Gpu;
 use lobelia_gpu::fit::{Fit, Job, SHADER, Texel};

@@ -3,8 +3,8 @@
 use glam::Vec3;
 
 use super::super::model::Model;
-use super::super::separable::shape::Family;
-use super::super::separable::start::Effort;
+use super::super::separable::layout::Family;
+use super::super::separable::task::Effort;
 use super::kernels::{self, DIRECTIONS, EXPONENTS, Kernels, Uploaded};
 use lobelia_base::error::Result;
 use lobelia_gpu::fit::Fit;

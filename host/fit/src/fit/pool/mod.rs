@@ -7,6 +7,7 @@
 //! [`regions`] reads which texel is of which region, `choose` which of them are fitted, `region` fits one region, `texels` gives every texel its coefficients and errors.
 
 mod choose;
+mod level;
 mod region;
 pub mod regions;
 #[cfg(test)]

@@ -4,7 +4,7 @@ use super::super::FitOptions;
 use super::super::samples::Samples;
 use super::super::separable::texel::Workspace;
 use super::super::texel::{TexelFit, affordable_lobes};
-use super::texels::{self, Level};
+use super::level::{self, Level};
 use super::{Gathered, RhoD};
 use lobelia_reflectance::{LobeBrdf, Rgb, albedo};
 
@@ -97,7 +97,7 @@ fn levels<'a>(
     lobes: &'a LobeBrdf,
     options: &'a FitOptions,
 ) -> impl Iterator<Item = Level> + 'a {
-    gathered.texels().filter_map(|samples| texels::level(samples, lobes, options))
+    gathered.texels().filter_map(|samples| level::level(samples, lobes, options))
 }
 
 /// The median of the texels' ρ_d, channel by channel; of two the lower.
@@ -115,12 +115,12 @@ fn typical(gathered: &Gathered, lobes: &LobeBrdf, options: &FitOptions) -> Rgb {
 fn variance(gathered: &Gathered, lobes: &LobeBrdf, room: Option<Rgb>, options: &FitOptions) -> [f64; 3] {
     let mut sums = [0.0; 3];
     for samples in gathered.texels() {
-        let Some(level) = texels::level(samples, lobes, options) else { continue };
+        let Some(level) = level::level(samples, lobes, options) else { continue };
         let brdf = LobeBrdf { rho_d: level.held(room), ..lobes.clone() };
         for sample in samples {
-            let off = texels::off(&brdf, sample);
+            let off = level::off(&brdf, sample);
             for (channel, sum) in sums.iter_mut().enumerate() {
-                *sum += texels::weight(sample, channel, options) * off[channel].powi(2);
+                *sum += level::weight(sample, channel, options) * off[channel].powi(2);
             }
         }
     }

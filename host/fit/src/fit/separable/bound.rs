@@ -13,11 +13,12 @@ use super::super::coat::WIDTHS;
 use super::super::linear::{self, MOST_UNKNOWNS};
 use super::super::model::Model;
 use super::super::quadratic::{self, Inequality};
-use super::columns::{CHANNELS, Gram, MOST_LOBES, WIDTH};
+use super::columns::Gram;
 use super::data::Data;
-use super::extended::{self, Extension};
-use super::normal::{self, Amplitudes, LINEAR, Layout, Most, Normal};
-use super::shape::{self, Family, UNKNOWNS};
+use super::extended;
+use super::layout::{CHANNELS, Extension, Family, LINEAR, Layout, MOST_LOBES, UNKNOWNS, WIDTH};
+use super::normal::{self, Amplitudes, Most, Normal, Pressing};
+use super::shape;
 use lobelia_reflectance::albedo::{self, INCIDENCES_DEG};
 use lobelia_reflectance::{LobeBrdf, Microfacet, Rgb};
 
@@ -33,25 +34,6 @@ const UNSEEN: f64 = 1e-14;
 const RIDGE: f64 = 1e-11;
 /// Widths of the table of microfacet terms.
 const COAT_WIDTHS: usize = 40;
-
-/// The albedos that press against the limit in one channel.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub struct Pressing {
-    /// Places of the incidences.
-    places: [u8; LINEAR],
-    count: usize,
-}
-
-impl Pressing {
-    fn places(&self) -> &[u8] {
-        &self.places[..self.count]
-    }
-
-    /// Whether there is none.
-    pub fn is_empty(&self) -> bool {
-        self.count == 0
-    }
-}
 
 /// Directional albedos of a model's terms.
 #[derive(Debug, Clone, Default)]

@@ -8,9 +8,10 @@ use super::super::model::{Model, ModelLobe};
 use super::super::samples::{Samples, Target};
 use super::super::testing::{directions, material, measured, samples};
 use super::super::{AlbedoBound, FitOptions, Residual, conserve};
-use super::bound::{Bound, Pressing};
-use super::columns::CHANNELS;
-use super::shape::{self, Family};
+use super::bound::Bound;
+use super::layout::{CHANNELS, Family};
+use super::normal::Pressing;
+use super::shape;
 use super::solver::Solver;
 use super::texel::Workspace;
 use lobelia_base::random::Random;
@@ -54,7 +55,7 @@ fn the_gradient_under_the_bound_agrees_with_finite_differences() {
         let normal = solver.normal(solver.layout(family, true, &model), &model, &at);
         for unknown in 0..normal.size {
             let mut moved = |by: f64| {
-                let mut step = [0.0; shape::UNKNOWNS];
+                let mut step = [0.0; super::layout::UNKNOWNS];
                 step[unknown] = by;
                 let mut model = model.clone();
                 shape::advance(family, &mut model, &step);

@@ -9,12 +9,11 @@ use glam::{DMat3, DVec3};
 
 use super::super::linear;
 use super::super::model::Model;
-use super::columns::CHANNELS;
+use super::layout::{CHANNELS, LINEAR, UNKNOWNS};
 use super::levels;
-use super::normal::{self, Amplitudes, LINEAR};
-use super::shape::UNKNOWNS;
+use super::normal::{self, Amplitudes};
 use super::solver::Solver;
-use super::start::Task;
+use super::task::Task;
 use super::uncertainty::{Covariance, Response};
 
 /// Standard errors by which a larger model has to be better.

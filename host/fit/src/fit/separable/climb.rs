@@ -10,8 +10,9 @@ use super::super::lm::Limits;
 use super::super::model::Model;
 use super::choice::Ascent;
 use super::extend::{Plain, extend};
-use super::shape::Family;
-use super::start::{self, Effort, Found, Known, Task};
+use super::layout::Family;
+use super::start::{self, Found, Known};
+use super::task::{Effort, Task};
 use super::texel::Workspace;
 use super::{choice, normal, solver, uncertainty};
 

@@ -3,38 +3,10 @@
 
 use super::data::Data;
 use super::extended;
+use super::form::{Form, NEGLIGIBLE, linear_form};
+use super::layout::{CHANNELS, COMMON, Layout, WIDTH};
 use super::levels;
 use super::math::{self, LANES};
-use super::normal::Layout;
-
-/// Most lobes.
-pub const MOST_LOBES: usize = super::super::MOST_LOBES;
-/// Channels at most.
-pub const CHANNELS: usize = 3;
-/// Columns of a lobe at most: shape, derivative by ln n, three tangents; two of its normal and one by the exponent toward grazing.
-pub const PER_LOBE: usize = 8;
-/// Terms with an amplitude at most: the lobes, and two of a microfacet term.
-pub const MOST_TERMS: usize = MOST_LOBES + 2;
-/// Columns of a microfacet term.
-pub const PER_COAT: usize = 4;
-/// The columns that every model has: 1 and the channels' goals.
-pub const COMMON: usize = 1 + CHANNELS;
-/// Columns at most.
-pub const WIDTH: usize = COMMON + MOST_LOBES * PER_LOBE + PER_COAT;
-
-/// A lobe's base as a linear form in the products, and its derivatives by the shape's unknowns.
-#[derive(Debug, Clone, Copy)]
-pub struct Form<const P: usize, const T: usize> {
-    /// Coefficients of the base, referred to the reference: the shape is baseⁿ.
-    pub base: [f64; P],
-    /// Coefficients of the base's derivatives.
-    pub tangents: [[f64; P]; T],
-    /// Exponent.
-    pub n: f64,
-}
-
-/// exp of less than this is nothing beside any measured value.
-pub(super) const NEGLIGIBLE: f64 = -40.0;
 
 /// Writes a lobe's columns: shape, derivative by ln n, derivatives along the tangents. `slope` is scratch of the same length.
 ///
@@ -76,19 +48,6 @@ fn lobe<const P: usize, const T: usize>(
         linear_form(tangent, products, column);
         for (along, slope) in column.iter_mut().zip(slope.iter()) {
             *along *= slope;
-        }
-    }
-}
-
-/// A linear form in the products at every sample.
-#[inline(always)]
-pub(super) fn linear_form<const P: usize>(coefficients: &[f64; P], products: [&[f64]; P], out: &mut [f64]) {
-    for (out, product) in out.iter_mut().zip(products[0]) {
-        *out = coefficients[0] * product;
-    }
-    for p in 1..P {
-        for (out, product) in out.iter_mut().zip(products[p]) {
-            *out += coefficients[p] * product;
         }
     }
 }

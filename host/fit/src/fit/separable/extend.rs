@@ -11,10 +11,11 @@ use super::super::lm::Limits;
 use super::super::model::Model;
 use super::bank::Bank;
 use super::choice;
+use super::layout::Family;
 use super::search::Search;
-use super::shape::Family;
 use super::solver::Solver;
-use super::start::{self, Effort, Found, Known, Task};
+use super::start::{self, Found, Known};
+use super::task::{Effort, Task};
 
 /// Widths from which a microfacet term is optimised.
 const COAT_WIDTHS: [f64; 6] = [0.01, 0.03, 0.08, 0.2, 0.4, 0.8];

@@ -9,42 +9,14 @@ use glam::{DMat3, DVec2, DVec3};
 use super::super::coat::{self, WIDTHS};
 use super::super::lm::tangents;
 use super::super::model::{EXPONENTS, Model};
-use super::columns::{NEGLIGIBLE, linear_form};
+use super::form::{NEGLIGIBLE, linear_form};
+use super::layout::{Family, Layout};
 use super::math::{self, LANES};
-use super::normal::Layout;
-use super::shape::Family;
 
 /// Derivatives of a lobe's base at most: those of a family, and two of the normal.
 const TANGENTS: usize = 5;
 /// The normal stays within 30° of the surface's.
 pub const MOST_TILT: f64 = 0.5;
-
-/// What a model has beyond plain lobes: what is searched with them.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub struct Extension {
-    /// A normal that the lobes share: two unknowns.
-    pub normals: bool,
-    /// An exponent toward grazing a lobe.
-    pub sharpening: bool,
-    /// A microfacet term: α, and f0 and f90 as amplitudes.
-    pub coat: bool,
-}
-
-impl Extension {
-    /// That of a model.
-    pub fn of(model: &Model) -> Self {
-        Self {
-            normals: model.normal.is_some() && !model.lobes.is_empty(),
-            sharpening: model.lobes.first().is_some_and(|lobe| lobe.n_grazing.is_some()),
-            coat: model.coat.is_some(),
-        }
-    }
-
-    /// Whether there is nothing.
-    pub fn is_none(self) -> bool {
-        self == Self::default()
-    }
-}
 
 /// A lobe's base as a linear form in xx, yy, zz, xy, xz and yz, and its derivatives by the shape's unknowns.
 #[derive(Debug, Clone, Copy)]

@@ -7,9 +7,9 @@ use super::super::extensions::{Extensions, Microfacets};
 use super::super::model::{Model, ModelLobe};
 use super::super::testing::{self, directions, material};
 use super::super::{AlbedoBound, FitOptions, Residual, fit_sbrdf};
-use super::extended::Extension;
+use super::layout::{Extension, Family};
 use super::normal;
-use super::shape::{self, Family};
+use super::shape;
 use super::solver::Solver;
 use crate::synth::{self, Options};
 use lobelia_base::random::Random;
@@ -78,7 +78,7 @@ fn values_agree_with_the_brdf_and_the_gradient_with_finite_differences() {
         let normal = normal::normal(&solver.gram, layout, &at);
         for unknown in 0..normal.size {
             let mut cost = |size: f64| {
-                let mut step = [0.0; shape::UNKNOWNS];
+                let mut step = [0.0; super::layout::UNKNOWNS];
                 step[unknown] = size;
                 let mut moved = model.clone();
                 shape::advance(family, &mut moved, &step);

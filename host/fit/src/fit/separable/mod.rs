@@ -20,6 +20,8 @@ pub mod extend;
 pub mod extended;
 #[cfg(test)]
 mod extended_tests;
+pub mod form;
+pub mod layout;
 pub mod levels;
 pub mod math;
 pub mod mirror;
@@ -33,6 +35,7 @@ pub mod search;
 pub mod shape;
 pub mod solver;
 pub mod start;
+pub mod task;
 #[cfg(test)]
 mod tests;
 pub mod texel;

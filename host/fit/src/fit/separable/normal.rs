@@ -2,102 +2,28 @@
 //! amplitudes projected out (Kaufman's approximation of the Jacobian of variable projection).
 
 use super::super::linear;
-use super::super::model::Model;
-use super::bound::Pressing;
-use super::columns::{CHANNELS, COMMON, Gram, MOST_LOBES, MOST_TERMS, PER_LOBE, WIDTH};
-use super::extended::Extension;
-use super::shape::{Family, UNKNOWNS};
+use super::columns::Gram;
+use super::layout::{CHANNELS, LINEAR, Layout, MOST_LOBES, MOST_TERMS, PER_LOBE, UNKNOWNS, WIDTH};
 
-/// Linear unknowns of a channel: ρ_d and the amplitudes of the lobes, then f0 and f90.
-pub const LINEAR: usize = 1 + MOST_TERMS;
 /// Derivative columns at most.
 const DERIVATIVES: usize = MOST_LOBES * (PER_LOBE - 1) + 2;
 
-/// Which columns are what.
-#[derive(Debug, Clone, Copy)]
-pub struct Layout {
-    /// Shapes' unknowns.
-    pub family: Family,
-    /// Lobes.
-    pub lobes: usize,
-    /// Channels that are fitted.
-    pub channels: usize,
-    /// Whether ρ_d is an unknown.
-    pub diffuse: bool,
-    /// What there is beyond plain lobes.
-    pub extension: Extension,
+/// The albedos that press against the limit in one channel.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Pressing {
+    /// Places of the incidences.
+    pub(super) places: [u8; LINEAR],
+    pub(super) count: usize,
 }
 
-impl Layout {
-    /// That of a model, for one channel with ρ_d as an unknown.
-    pub fn of(family: Family, model: &Model) -> Self {
-        let extension = Extension::of(model);
-        Self { family, lobes: model.lobes.len(), channels: 1, diffuse: true, extension }
+impl Pressing {
+    pub(super) fn places(&self) -> &[u8] {
+        &self.places[..self.count]
     }
 
-    /// Terms that have an amplitude: the lobes, and f0 and f90 of a microfacet term.
-    pub fn terms(&self) -> usize {
-        self.lobes + if self.extension.coat { 2 } else { 0 }
-    }
-
-    /// Derivative columns of a term: of a lobe the family's, then those of its normal and by its exponent toward grazing.
-    pub fn derivatives(&self, term: usize) -> usize {
-        let Extension { normals, sharpening, .. } = self.extension;
-        let of_lobe = self.family.derivatives() + if normals { 2 } else { 0 } + usize::from(sharpening);
-        if term < self.lobes { of_lobe } else { 1 }
-    }
-
-    /// The unknown that derivative `column` of `term` belongs to.
-    pub fn unknown(&self, term: usize, column: usize) -> usize {
-        let own = self.family.derivatives();
-        if term < self.lobes && column < own {
-            return self.family.unknown(term, column, self.lobes);
-        }
-        let start = self.family.size(self.lobes);
-        match (self.extension.normals, column.wrapping_sub(own)) {
-            _ if term >= self.lobes => self.size() - 1,
-            (true, axis @ (0 | 1)) => start + axis,
-            (normals, _) => start + if normals { 2 } else { 0 } + term,
-        }
-    }
-
-    /// Number of the shapes' unknowns.
-    pub fn size(&self) -> usize {
-        let Extension { normals, sharpening, coat } = self.extension;
-        self.family.size(self.lobes)
-            + if normals { 2 } else { 0 }
-            + if sharpening { self.lobes } else { 0 }
-            + usize::from(coat)
-    }
-
-    /// The column of linear unknown `unknown`: 0 is ρ_d, then the terms.
-    pub fn column(&self, unknown: usize) -> usize {
-        let of_lobes = |lobes: usize| COMMON + lobes * (1 + self.derivatives(0));
-        match unknown {
-            0 => 0,
-            lobe if lobe <= self.lobes => of_lobes(lobe - 1),
-            coat => COMMON + self.lobes * self.per_lobe() + 2 * (coat - 1 - self.lobes),
-        }
-    }
-
-    /// All columns.
-    pub fn columns(&self) -> usize {
-        COMMON + self.lobes * self.per_lobe() + if self.extension.coat { 4 } else { 0 }
-    }
-
-    /// Columns of a lobe, 0 where there are none.
-    fn per_lobe(&self) -> usize {
-        if self.lobes == 0 { 0 } else { 1 + self.derivatives(0) }
-    }
-
-    /// Column of a derivative.
-    pub(super) fn derivative(&self, term: usize, column: usize) -> usize {
-        self.column(term + 1) + 1 + column
-    }
-
-    /// The terms' derivative columns: term and place.
-    pub(super) fn each_derivative(self) -> impl Iterator<Item = (usize, usize)> + Clone {
-        (0..self.terms()).flat_map(move |term| (0..self.derivatives(term)).map(move |column| (term, column)))
+    /// Whether there is none.
+    pub fn is_empty(&self) -> bool {
+        self.count == 0
     }
 }
 

@@ -8,10 +8,11 @@
 use super::super::linear;
 use super::super::lm::tangents;
 use super::super::model::{Model, ModelLobe};
-use super::normal::{self, Layout};
-use super::shape::{self, Family, UNKNOWNS};
+use super::layout::{Family, Layout, UNKNOWNS};
+use super::normal;
+use super::shape;
 use super::solver::Solver;
-use super::start::Task;
+use super::task::Task;
 use super::uncertainty;
 use glam::DVec3;
 

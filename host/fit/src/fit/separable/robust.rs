@@ -4,8 +4,8 @@
 //! The distance of a pose is the norm of its weighted residuals over the channels; its scale comes from the median of all
 //! poses, which up to half of them cannot move. Weights and fit follow each other (iteratively reweighted least squares).
 
-use super::columns::CHANNELS;
-use super::normal::{Amplitudes, Layout};
+use super::layout::{CHANNELS, Layout};
+use super::normal::Amplitudes;
 use super::solver::Solver;
 
 /// Times that weights are made.

@@ -6,10 +6,10 @@
 use super::super::linear;
 use super::super::model::Model;
 use super::bank::{Bank, EXPONENTS, Fill, Products32, ROWS, ridge_angle};
-use super::columns::{CHANNELS, WIDTH};
-use super::normal::{Amplitudes, LINEAR, Layout};
+use super::layout::{CHANNELS, LINEAR, Layout, WIDTH};
+use super::normal::Amplitudes;
 use super::solver::Solver;
-use super::start::Task;
+use super::task::Task;
 
 /// Poses with the largest residuals, of which each proposes a direction.
 const RIDGE: usize = 8;

@@ -12,7 +12,8 @@ use super::bank::Bank;
 use super::choice::Ascent;
 use super::score::Scores;
 use super::solver::Solver;
-use super::start::{Effort, Found, Known, Task, level, minimise};
+use super::start::{Found, Known, level, minimise};
+use super::task::{Effort, Task};
 
 /// Sets whose costs differ by no more than this share are the same.
 const ALIKE: f64 = 1e-3;

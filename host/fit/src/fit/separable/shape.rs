@@ -4,50 +4,9 @@ use glam::DVec3;
 
 use super::super::lm::tangents;
 use super::super::model::{EXPONENTS, Model, ModelLobe, isotropic_c};
-use super::columns::{Form, MOST_LOBES};
 use super::extended;
-use super::normal::Layout;
-
-/// Unknowns at most: three a lobe and β, or four a lobe; two of the normal, an exponent toward grazing a lobe, and α.
-pub const UNKNOWNS: usize = 4 * MOST_LOBES + 2 + MOST_LOBES + 1;
-
-/// Which shapes are fitted.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Family {
-    /// ln n and one angle of C a lobe: Cx = Cy.
-    Isotropic,
-    /// ln n and two tangents of C a lobe, and β for all of them.
-    Anisotropic,
-    /// ln n, the isotropic angle, and the two entries that a symmetric C has besides, (xx − yy)/2 and xy: every lobe with a
-    /// direction of its own, without the singularity that β has at Cx = Cy. Steps start at isotropic lobes.
-    Split,
-}
-
-impl Family {
-    /// Derivative columns a lobe: ln n and the tangents.
-    pub fn derivatives(self) -> usize {
-        if self == Self::Isotropic { 2 } else { 4 }
-    }
-
-    /// The unknown that derivative `column` of `lobe` belongs to.
-    pub fn unknown(self, lobe: usize, column: usize, lobes: usize) -> usize {
-        match self {
-            Self::Isotropic => 2 * lobe + column,
-            Self::Split => 4 * lobe + column,
-            Self::Anisotropic if column == 3 => 3 * lobes,
-            Self::Anisotropic => 3 * lobe + column,
-        }
-    }
-
-    /// Number of unknowns.
-    pub fn size(self, lobes: usize) -> usize {
-        match self {
-            Self::Isotropic => 2 * lobes,
-            Self::Split => 4 * lobes,
-            Self::Anisotropic => 3 * lobes + usize::from(lobes > 0),
-        }
-    }
-}
+use super::form::Form;
+use super::layout::{Family, Layout};
 
 /// The base of an isotropic lobe in (plane, zz).
 pub fn isotropic_form(lobe: &ModelLobe) -> Form<2, 1> {

@@ -9,12 +9,14 @@ use super::super::linear::solve_spd;
 use super::super::lm::{Limits, Outcome};
 use super::super::model::{EXPONENTS, Model};
 use super::super::samples::MOST_OVER_SEEN;
-use super::bound::{self, Albedos, Bound, Caps, Pressing};
-use super::columns::{Columns, Form, Gram, MOST_LOBES, WIDTH};
+use super::bound::{self, Albedos, Bound, Caps};
+use super::columns::{Columns, Gram};
 use super::data::Data;
 use super::extended;
-use super::normal::{self, Amplitudes, Layout, Most, Normal};
-use super::shape::{self, Family, UNKNOWNS};
+use super::form::Form;
+use super::layout::{Family, Layout, MOST_LOBES, UNKNOWNS, WIDTH};
+use super::normal::{self, Amplitudes, Most, Normal, Pressing};
+use super::shape;
 use super::uncertainty;
 
 /// Limits of lobes above the surface, over the largest value that was measured.

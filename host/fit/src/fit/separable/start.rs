@@ -1,67 +1,14 @@
-//! What a fit is to be ([`Task`], [`Effort`]), what is known of one ([`Known`], [`Found`]), starts from neighbours ([`follow`]), and the optimisation of all
+//! What is known of a fit ([`Known`], [`Found`]), starts from neighbours ([`follow`]), and the optimisation of all
 //! starts ([`minimise`]).
 
 use super::super::lm::{Limits, Outcome};
 use super::super::model::Model;
 use super::choice;
-use super::columns::MOST_LOBES;
+use super::layout::{Family, MOST_LOBES};
 use super::normal::Amplitudes;
-use super::shape::{self, Family};
 use super::solver::Solver;
+use super::task::Task;
 use super::uncertainty;
-
-/// How far the search goes.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Effort {
-    /// Shapes tried as the next lobe of each set.
-    pub tries: usize,
-    /// Of them, those whose highlights pass through the largest residuals.
-    pub ridge: usize,
-    /// Steps for each of them.
-    pub steps: usize,
-    /// Sets that go on to the next lobe.
-    pub beam: usize,
-    /// When the last set counts as converged.
-    pub limits: Limits,
-}
-
-impl Effort {
-    /// For one of thousands of texels. Up to two lobes little effort finds the best start in all but a few per cent of texels; with
-    /// more, sets of shapes compete that look alike for the first few steps.
-    pub fn texel(lobes: usize) -> Self {
-        if lobes <= 2 {
-            return Self {
-                tries: 3,
-                ridge: 1,
-                steps: 3,
-                beam: 2,
-                limits: Limits { iterations: 40, tolerance: 1e-5 },
-            };
-        }
-        Self { tries: 6, ridge: 3, steps: 6, beam: 3, limits: Limits { iterations: 60, tolerance: 1e-6 } }
-    }
-
-    /// For a texel from which others start.
-    pub fn thorough(lobes: usize) -> Self {
-        let Self { ridge, limits, .. } = Self::texel(lobes);
-        Self { tries: 6, ridge, steps: 8, beam: 6, limits }
-    }
-}
-
-/// What is fitted, beside the data.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Task {
-    /// Lobes.
-    pub lobes: usize,
-    /// Shapes.
-    pub family: Family,
-    /// Whether ρ_d is an unknown.
-    pub diffuse: bool,
-    /// Effort.
-    pub effort: Effort,
-    /// Whether `lobes` is the most: then as many as [`choice`] finds supported.
-    pub choose: bool,
-}
 
 /// A model and how well it does, for texels nearby to start from.
 #[derive(Debug, Clone)]
@@ -210,7 +157,7 @@ fn spread(solver: &mut Solver, diffuse: bool, model: &mut Model) {
     let Some(step) = super::solver::solve(&normal, layout, model, 1e-3) else { return };
     let (mut cos, mut sin) = (0.0, 0.0);
     for lobe in 0..model.lobes.len() {
-        let entry = |column| shape::Family::Split.unknown(lobe, column, layout.lobes);
+        let entry = |column| Family::Split.unknown(lobe, column, layout.lobes);
         let (a, b) = (step[entry(2)], step[entry(3)]);
         let diagonal = |i: usize| normal.matrix[i * normal.size + i];
         let information = diagonal(entry(2)) + diagonal(entry(3));
@@ -219,7 +166,7 @@ fn spread(solver: &mut Solver, diffuse: bool, model: &mut Model) {
     }
     let double = 0.5 * sin.atan2(cos);
     for (index, lobe) in model.lobes.iter_mut().enumerate().take(MOST_LOBES) {
-        let entry = |column| step[shape::Family::Split.unknown(index, column, layout.lobes)];
+        let entry = |column| step[Family::Split.unknown(index, column, layout.lobes)];
         let spread = entry(2) * double.cos() + entry(3) * double.sin();
         let spread = spread.clamp(-0.3, 0.3);
         lobe.c = (lobe.c + glam::DVec3::new(spread, -spread, 0.0)).normalize();

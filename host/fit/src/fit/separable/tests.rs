@@ -9,11 +9,13 @@ use super::super::testing::{self, directions, material, measured};
 use super::super::{FitOptions, Residual, fit_sbrdf, start as lm_start};
 use super::bank::Bank;
 use super::data::Poses;
+use super::layout::Family;
 use super::normal;
 use super::search::Search;
-use super::shape::{self, Family};
+use super::shape;
 use super::solver::Solver;
-use super::start::{Effort, Found, Task};
+use super::start::Found;
+use super::task::{Effort, Task};
 use crate::synth::{self, Options};
 use lobelia_base::random::Random;
 use lobelia_reflectance::sampled::SampledSbrdf;
@@ -57,7 +59,7 @@ fn the_gradient_agrees_with_finite_differences_of_the_projected_cost() {
                 continue;
             }
             let mut cost = |size: f64| {
-                let mut step = [0.0; shape::UNKNOWNS];
+                let mut step = [0.0; super::layout::UNKNOWNS];
                 step[unknown] = size;
                 let mut moved = model.clone();
                 shape::advance(family, &mut moved, &step);

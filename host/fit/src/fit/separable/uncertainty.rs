@@ -10,10 +10,9 @@ use super::super::coat::WIDTHS;
 use super::super::linear;
 use super::super::lm::tangents;
 use super::super::model::{EXPONENTS, Model};
-use super::columns::WIDTH;
 use super::extended::MOST_TILT;
-use super::normal::{self, Amplitudes, LINEAR, Layout, Normal};
-use super::shape::{Family, UNKNOWNS};
+use super::layout::{Family, LINEAR, Layout, UNKNOWNS, WIDTH};
+use super::normal::{self, Amplitudes, Normal};
 use super::solver::Solver;
 
 /// Standard deviations of one lobe's coefficients.
