@@ -99,7 +99,8 @@ pub struct Leaf {
 }
 
 impl Leaf {
-    /// A triangle of an object by its first corner and its edges: from the second corner to the first, and from the first to the third.
+    /// A triangle of an object by its first corner and its edges: from the second corner to the first, and from the
+    /// first to the third.
     pub fn new(corner: [f32; 3], [e1, e2]: [[f32; 3]; 2], triangle: u32, object: u32) -> Self {
         Self { corner, triangle, e1, object, e2, padding: 0 }
     }

@@ -57,7 +57,8 @@ pub enum Arrival {
 
 /// Something that turns an exposure into a file.
 pub trait Camera: Send {
-    /// Before a shot: puts photographs of earlier shots into the folder `aside`. One that is sure to come is waited for as long as `patience`.
+    /// Before a shot: puts photographs of earlier shots into the folder `aside`. One that is sure to come is waited
+    /// for as long as `patience`.
     ///
     /// # Errors
     /// When a folder cannot be read or written; on Ctrl-C.
