@@ -114,7 +114,7 @@ impl Prefiltered {
     /// On the CPU.
     ///
     /// # Errors
-    /// None; [`Self::new`] has them.
+    /// None: those of `new` are of the GPU.
     pub fn on_cpu(
         environment: &Environment,
         range: (f32, f32),

@@ -56,7 +56,7 @@ pub fn light(environment: &Environment, toward: Vec3, n: f32) -> Rgb {
 /// How far maps are from quadrature at one exponent.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct MapError {
-    /// Root mean square over directions, as [`accuracy`](super::accuracy) has it.
+    /// Root mean square over directions, as `accuracy` has it.
     pub rms: f64,
     /// The largest.
     pub largest: f64,
