@@ -128,6 +128,23 @@ pub fn largest(brdf: &LobeBrdf) -> Rgb {
     largest
 }
 
+/// What [`largest`] is at most in any channel, at little cost: all of every lobe above the horizon, along the normal. None where a microfacet term or a
+/// lobe that sharpens is in it.
+pub fn at_most(brdf: &LobeBrdf) -> Option<f32> {
+    if !brdf.microfacets.is_empty() {
+        return None;
+    }
+    let mut most = std::f32::consts::PI * brdf.rho_d;
+    for lobe in &brdf.lobes {
+        if lobe.n_grazing.is_some_and(|grazing| grazing != lobe.n) {
+            return None;
+        }
+        let length = lobe.c.abs().max_element();
+        most += lobe.rho_s * length.powf(lobe.n) * std::f32::consts::TAU / (lobe.n + 1.0);
+    }
+    Some(most.max_element())
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -180,5 +197,17 @@ mod tests {
         assert!(at.min_element() > 1.3 && at.max_element() < 1.6, "{at}");
         assert!(largest(&metal).max_element() > 1.5);
         assert!((largest(&LobeBrdf::diffuse(Rgb::ONE)) - Rgb::ONE).abs().max_element() < 1e-6);
+    }
+
+    #[test]
+    fn the_limit_of_little_cost_is_never_below_the_largest_albedo() {
+        for name in materials::NAMES {
+            let brdf = materials::published(name).unwrap();
+            let (most, largest) = (at_most(&brdf).unwrap(), largest(&brdf).max_element());
+            assert!(most >= largest, "{name}: {most} {largest}");
+        }
+        let coat = Microfacet { f0: Rgb::splat(0.04), f90: Rgb::ONE, alpha: 0.4 };
+        let coated = LobeBrdf { microfacets: vec![coat], ..LobeBrdf::diffuse(Rgb::ONE) };
+        assert_eq!(at_most(&coated), None);
     }
 }

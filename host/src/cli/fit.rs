@@ -599,16 +599,19 @@ fn bound_prices(map: &SbrdfMap) -> Option<Vec<f32>> {
     Some(prices)
 }
 
-/// The texels whose directional albedo is above [`MAKES_LIGHT`], and the largest albedo.
+/// The texels whose directional albedo is above [`MAKES_LIGHT`], and the largest albedo where there are any.
 fn making_light(map: &SbrdfMap) -> (usize, f32) {
-    let albedos = (0..map.width * map.height).into_par_iter().map(|texel| albedo::largest(&map.texel(texel)));
-    albedos
-        .map(|albedo| albedo.max_element())
-        .fold(
-            || (0, 0.0f32),
-            |(count, largest), albedo| (count + usize::from(albedo > MAKES_LIGHT), largest.max(albedo)),
-        )
-        .reduce(|| (0, 0.0), |a, b| (a.0 + b.0, a.1.max(b.1)))
+    let with = |(count, largest): (usize, f32), texel: usize| {
+        let brdf = map.texel(texel);
+        // Most texels need no look at every incidence.
+        if albedo::at_most(&brdf).is_some_and(|most| most <= MAKES_LIGHT) {
+            return (count, largest);
+        }
+        let albedo = albedo::largest(&brdf).max_element();
+        (count + usize::from(albedo > MAKES_LIGHT), largest.max(albedo))
+    };
+    let texels = (0..map.width * map.height).into_par_iter();
+    texels.fold(|| (0, 0.0), with).reduce(|| (0, 0.0), |a, b| (a.0 + b.0, a.1.max(b.1)))
 }
 
 /// A quantile of ascending values; 0 without any.

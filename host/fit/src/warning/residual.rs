@@ -15,9 +15,10 @@ use lobelia_reflectance::distance::{DirectionPair, distance};
 use lobelia_reflectance::sampled::{SampledSbrdf, SampledStore, Window};
 use lobelia_reflectance::{Brdf as _, SbrdfMap, colour};
 
-/// Edge of a window of texels, and how many windows are looked at.
+/// Edge of a window of texels, how many windows are looked at, and how many texels of them at most.
 const WINDOW: usize = 16;
 const WINDOWS: usize = 12;
+const TEXELS: usize = 1024;
 /// Expected error beside σ: a share of the fitted value and of this many sr⁻¹, and a share of what the lobes have of it.
 const SHARE: f64 = 0.02;
 const DARK: f64 = 0.01;
@@ -31,8 +32,9 @@ const MIRROR_DEG: f64 = 3.0;
 /// Fewer poses, or fewer texels at a pose, say nothing.
 const FEWEST_POSES: usize = 12;
 const FEWEST_TEXELS: usize = 16;
-/// Poses nearest in direction that a pose is held against.
+/// Poses nearest in direction that a pose is held against, and how many are looked through for those that were seen.
 const NEIGHBOURS: usize = 6;
+const NEAR: usize = 48;
 /// A pose stands out from this many times the residual of the others on, if that is also this many of the robust standard deviations of all poses.
 const TIMES: f64 = 3.0;
 const DEVIATIONS: f64 = 6.0;
@@ -84,13 +86,14 @@ pub fn look(store: &SampledStore, map: &SbrdfMap) -> Result<PoseResiduals> {
         return Ok(PoseResiduals::default());
     }
     let mut texels = Vec::new();
-    for window in windows([store.width, store.height]) {
+    let windows = windows([store.width, store.height]);
+    let every = windows.iter().map(|window| window.x.len() * window.y.len()).sum::<usize>().div_ceil(TEXELS);
+    for window in windows {
         let sampled = store.read(&window, true)?;
         let places: Vec<usize> =
             window.y.clone().flat_map(|y| window.x.clone().map(move |x| y * store.width + x)).collect();
-        texels.par_extend(
-            places.par_iter().enumerate().filter_map(|(index, &place)| texel(&sampled, index, map, place)),
-        );
+        let looked_at = places.par_iter().enumerate().step_by(every.max(1));
+        texels.par_extend(looked_at.filter_map(|(index, &place)| texel(&sampled, index, map, place)));
     }
     Ok(judged(&sampled_directions(store), &texels))
 }
@@ -122,8 +125,8 @@ fn texel(sampled: &SampledSbrdf, index: usize, map: &SbrdfMap, place: usize) -> 
             let (value, goal) = (f64::from(fitted[channel]), f64::from(rgb[channel]));
             let sigma = sigmas.map_or(0.0, |sigmas| f64::from(sigmas[3 * pose + channel]));
             let lobes = (value - f64::from(brdf.rho_d[channel])).max(0.0);
-            let expected = sigma.hypot(SHARE * (value + DARK) + SHARE_OF_LOBES * lobes);
-            square += ((value - goal) / expected).powi(2) / 3.0;
+            let misfit = SHARE * (value + DARK) + SHARE_OF_LOBES * lobes;
+            square += (value - goal).powi(2) / (sigma * sigma + misfit * misfit) / 3.0;
         }
         texel.residual[pose] = square.sqrt();
         texel.brightness[pose] = f64::from(colour::luminance(rgb)) / f64::from(colour::luminance(fitted));
@@ -147,6 +150,7 @@ fn judged(pairs: &[DirectionPair], texels: &[Texel]) -> PoseResiduals {
         texels.iter().map(|texel| values(texel)[pose]).filter(|value| value.is_finite()).collect()
     };
     let brightness = (0..pairs.len()).map(|pose| median(&mut of(pose, |texel| &texel.brightness))).collect();
+    let nearest = nearest(pairs);
     let mut times: Vec<Option<f64>> = vec![None; pairs.len()];
     let mut outstanding = vec![false; pairs.len()];
     for share in [0.5, 0.9] {
@@ -155,7 +159,7 @@ fn judged(pairs: &[DirectionPair], texels: &[Texel]) -> PoseResiduals {
             (residuals.len() >= FEWEST_TEXELS).then(|| quantile(&mut residuals, share))
         };
         let levels: Vec<Option<f64>> = (0..pairs.len()).map(level).collect();
-        for (pose, (ratio, stands_out)) in over_others(pairs, &levels).into_iter().enumerate() {
+        for (pose, (ratio, stands_out)) in over_others(&nearest, &levels).into_iter().enumerate() {
             times[pose] = times[pose].into_iter().chain(ratio).reduce(f64::max);
             outstanding[pose] |= stands_out;
         }
@@ -165,8 +169,28 @@ fn judged(pairs: &[DirectionPair], texels: &[Texel]) -> PoseResiduals {
     PoseResiduals { times, brightness, outstanding: poses }
 }
 
+/// The poses nearest in direction to each pose, the nearest first, by the isotropic distance and by the other.
+fn nearest(pairs: &[DirectionPair]) -> Vec<[Vec<usize>; 2]> {
+    let of_pose = |pose: usize, isotropic: bool| {
+        let others = (0..pairs.len()).filter(|&other| other != pose);
+        let mut near: Vec<(f64, usize)> =
+            others.map(|other| (distance(pairs[pose], pairs[other], isotropic), other)).collect();
+        let by_distance = |a: &(f64, usize), b: &(f64, usize)| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1));
+        if near.len() > NEAR {
+            near.select_nth_unstable_by(NEAR, by_distance);
+            near.truncate(NEAR);
+        }
+        near.sort_by(by_distance);
+        near.into_iter().map(|(_, other)| other).collect()
+    };
+    (0..pairs.len())
+        .into_par_iter()
+        .map(|pose| [true, false].map(|isotropic| of_pose(pose, isotropic)))
+        .collect()
+}
+
 /// How many times that of the others each pose's residual is, and whether it stands out.
-fn over_others(pairs: &[DirectionPair], levels: &[Option<f64>]) -> Vec<(Option<f64>, bool)> {
+fn over_others(nearest: &[[Vec<usize>; 2]], levels: &[Option<f64>]) -> Vec<(Option<f64>, bool)> {
     let judged: Vec<usize> =
         (0..levels.len()).filter(|&pose| levels[pose].is_some_and(|x| x > 0.0)).collect();
     if judged.len() < FEWEST_POSES {
@@ -174,17 +198,14 @@ fn over_others(pairs: &[DirectionPair], levels: &[Option<f64>]) -> Vec<(Option<f
     }
     let level = |pose: usize| levels[pose].unwrap_or(f64::NAN);
     let usual = median(&mut judged.iter().map(|&pose| level(pose)).collect::<Vec<_>>());
-    let of_nearest = |pose: usize, isotropic: bool| {
-        let mut near: Vec<(f64, usize)> = judged
-            .iter()
-            .filter(|&&other| other != pose)
-            .map(|&other| (distance(pairs[pose], pairs[other], isotropic), other))
-            .collect();
-        near.sort_by(|a, b| a.0.total_cmp(&b.0));
-        median(&mut near.iter().take(NEIGHBOURS).map(|&(_, other)| level(other)).collect::<Vec<_>>())
+    let of_nearest = |near: &Vec<usize>| {
+        let judged = near.iter().filter_map(|&other| levels[other].filter(|level| *level > 0.0));
+        let mut levels: Vec<f64> = judged.take(NEIGHBOURS).collect();
+        if levels.is_empty() { 0.0 } else { median(&mut levels) }
     };
     let ratio = |pose: usize| {
-        let expected = usual.max(of_nearest(pose, true)).max(of_nearest(pose, false)).max(LEAST_LEVEL);
+        let of_nearest = nearest[pose].each_ref().map(of_nearest).into_iter().fold(0.0, f64::max);
+        let expected = usual.max(of_nearest).max(LEAST_LEVEL);
         level(pose) / expected
     };
     let ratios: Vec<f64> = judged.iter().map(|&pose| ratio(pose)).collect();

@@ -24,7 +24,8 @@ static TABLE: LazyLock<Vec<f32>> = LazyLock::new(|| {
         let n = (along as f64 / (ALONG - 1) as f64 * last).exp() - 1.0;
         let root = (n + 1.0).sqrt();
         let up = |k: usize| ((2.0 * k as f64 / (ACROSS - 1) as f64 - 1.0) * root.asinh()).sinh() / root;
-        let mut row: Vec<f64> = (0..ACROSS).map(|k| summed(up(k), n).ln().max(NOTHING)).collect();
+        let angles = angles(n);
+        let mut row: Vec<f64> = (0..ACROSS).map(|k| sum_of(&angles, up(k)).ln().max(NOTHING)).collect();
         // At the lower pole nothing is above the horizon; its logarithm goes on as it came.
         row[0] = (2.0 * row[1] - row[2]).max(NOTHING);
         table.extend(row.into_iter().map(|log| log as f32));
@@ -51,11 +52,22 @@ pub(super) fn mean_cosine(up: f64, n: f64) -> f64 {
 
 /// The sum over u, by the midpoint rule.
 fn summed(up: f64, n: f64) -> f64 {
+    sum_of(&angles(n), up)
+}
+
+/// Cosine and sine of γ in the middle of each part.
+fn angles(n: f64) -> [[f64; 2]; PARTS] {
+    std::array::from_fn(|part| {
+        let cos = ((part as f64 + 0.5) / PARTS as f64).powf(1.0 / (n + 1.0));
+        [cos, (1.0 - cos * cos).max(0.0).sqrt()]
+    })
+}
+
+/// The mean over the parts for a peak whose polar angle has the cosine `up`.
+fn sum_of(angles: &[[f64; 2]; PARTS], up: f64) -> f64 {
     let across = (1.0 - up * up).max(0.0).sqrt();
     let mut sum = 0.0;
-    for part in 0..PARTS {
-        let cos = ((part as f64 + 0.5) / PARTS as f64).powf(1.0 / (n + 1.0));
-        let sin = (1.0 - cos * cos).max(0.0).sqrt();
+    for [cos, sin] in angles {
         // The mean of max(0, a + b cosφ) over φ.
         let (a, b) = (up * cos, across * sin);
         sum += if a >= b {

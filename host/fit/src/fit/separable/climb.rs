@@ -170,6 +170,10 @@ impl Workspace {
             }
         }
         let floor = below.into_iter().chain(wide).map(|known| known.cost).fold(f64::INFINITY, f64::min);
+        let fresh = start.is_none();
+        // A neighbour's lobe that only fits noise here leads nowhere.
+        let start =
+            start.filter(|(_, near)| task.choose || wide.is_some() || start::is_told(solver, task, near));
         let followed = start.map(|(_, near)| start::follow(solver, task, near, floor, wide));
         match followed {
             // Of three lobes and more a neighbour's may be good, and others better.
@@ -177,7 +181,9 @@ impl Workspace {
                 search.exchanged(solver, bank, task, found)
             }
             Some((found, true)) => found,
-            followed => search.rung(solver, bank, task, [below, wide], followed.map(|(found, _)| found)),
+            followed => {
+                search.rung(solver, bank, task, [below, wide], followed.map(|(found, _)| found), fresh)
+            }
         }
     }
 }

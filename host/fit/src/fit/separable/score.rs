@@ -5,8 +5,8 @@
 
 use super::super::linear;
 use super::super::model::Model;
-use super::bank::{Bank, EXPONENTS, Fill, Products32, ROWS, ridge_angle};
-use super::layout::{CHANNELS, LINEAR, Layout, WIDTH};
+use super::bank::{self, Bank, EXPONENTS, Fill, Products32, ROWS, STEP, ridge_angle};
+use super::layout::{LINEAR, Layout, WIDTH};
 use super::normal::Amplitudes;
 use super::solver::Solver;
 use super::task::Task;
@@ -17,11 +17,42 @@ const RIDGE: usize = 8;
 /// Columns that a set spans at most: its linear unknowns and four derivatives of two lobes each.
 const SPANNED: usize = LINEAR + 8;
 
+/// What of the channels' products of a shape with the residual counts.
+#[derive(Debug, Clone, Copy)]
+enum Along {
+    /// Their sum: what a shape explains in all channels, of which chance has less.
+    Sum,
+    /// Those that are positive, each by itself: what an amplitude a channel, at least 0, explains.
+    Channels,
+}
+
+impl Along {
+    fn of(self, products: &[f32]) -> f64 {
+        match self {
+            Self::Sum => f64::from(products.iter().sum::<f32>().max(0.0)).powi(2),
+            Self::Channels => products.iter().map(|&along| f64::from(along.max(0.0)).powi(2)).sum(),
+        }
+    }
+}
+
+/// A shape that would lower the cost.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Maximum {
+    /// By how much, to first order.
+    pub score: f32,
+    /// Angle of C on the circle, radians.
+    pub angle: f64,
+    /// Exponent.
+    pub n: f64,
+}
+
 /// The scores of a bank's shapes, with their buffers.
 #[derive(Debug, Clone, Default)]
 pub struct Scores {
-    /// Weighted residual, weights, weighted columns that the set spans: [list][pose].
+    /// Weighted residuals a channel, weights, weighted columns that the set spans: [list][pose].
     lists: Vec<f32>,
+    /// How many of them are residuals.
+    channels: usize,
     /// Those columns, of which column 0 has the weights for its list.
     spanned: Vec<usize>,
     /// Products of the bank's rows with those lists, [row][list].
@@ -41,13 +72,14 @@ impl Scores {
         model: &Model,
         at: &Amplitudes,
     ) -> f64 {
-        self.of_bank(solver, bank, task, model, at);
+        self.list(solver, task, model, at);
+        self.score(solver, bank, Along::Sum);
         let best = self.scores.iter().copied().fold(0.0, f32::max);
-        let ridge = self.best_of_ridge(solver, 1).first().map_or(0.0, |best| best.0);
+        let ridge = self.best_of_ridge(solver, 1, Along::Sum).first().map_or(0.0, |best| best.score);
         f64::from(best.max(ridge))
     }
 
-    /// The shapes that would lower the cost most beside a model's, the best first: score, angle of C and place of the exponent of the local maxima over the
+    /// The shapes that would lower the cost most beside a model's, the best first: score, angle of C and exponent of the local maxima over the
     /// bank, and of the best whose highlight passes through one of the largest residuals.
     pub fn maxima(
         &mut self,
@@ -56,27 +88,27 @@ impl Scores {
         task: Task,
         model: &Model,
         at: &Amplitudes,
-    ) -> Vec<(f32, f64, usize)> {
-        self.of_bank(solver, bank, task, model, at);
-        let maxima = (0..self.scores.len()).filter(|&i| self.is_maximum(bank, i));
-        let mut starts: Vec<(f32, f64, usize)> =
-            maxima.map(|i| (self.scores[i], bank.angles[i / EXPONENTS], i % EXPONENTS)).collect();
-        starts.extend(self.best_of_ridge(solver, task.effort.ridge));
-        starts.sort_by(|a, b| b.0.total_cmp(&a.0));
-        starts
-    }
-
-    /// Scores the bank's shapes beside a model.
-    fn of_bank(&mut self, solver: &Solver, bank: &Bank, task: Task, model: &Model, at: &Amplitudes) {
+    ) -> Vec<Maximum> {
         self.list(solver, task, model, at);
-        self.score(solver, bank);
+        self.score(solver, bank, Along::Channels);
+        let maxima = (0..self.scores.len()).filter(|&i| self.is_maximum(bank, i));
+        let mut starts: Vec<Maximum> = maxima
+            .map(|i| self.between(i, |place| bank.neighbours(place), bank.angles[i / EXPONENTS]))
+            .collect();
+        starts.extend(self.best_of_ridge(solver, task.effort.ridge, Along::Channels));
+        starts.sort_by(|a, b| b.score.total_cmp(&a.score));
+        starts
     }
 
     /// The best lobes, with their scores, whose highlights pass through the poses with the largest residuals, at most `count`. The directions of
     /// the bank lie too far apart for sharp highlights that few poses meet.
-    fn best_of_ridge(&mut self, solver: &Solver, count: usize) -> Vec<(f32, f64, usize)> {
+    fn best_of_ridge(&mut self, solver: &Solver, count: usize, along: Along) -> Vec<Maximum> {
         let products = &solver.data.products;
-        let residuals = &self.lists[..products.plane.len()];
+        let poses = products.plane.len();
+        let mut residuals = self.lists[..poses].to_vec();
+        for list in self.lists[poses..].chunks_exact(poses).take(self.channels - 1) {
+            residuals.iter_mut().zip(list).for_each(|(sum, value)| *sum += value);
+        }
         let mut largest: Vec<usize> = (0..residuals.len()).filter(|&k| residuals[k] > 0.0).collect();
         let by_size = |&a: &usize, &b: &usize| residuals[b].total_cmp(&residuals[a]).then(a.cmp(&b));
         if largest.len() > RIDGE {
@@ -87,16 +119,16 @@ impl Scores {
         let angles: Vec<f64> = largest.into_iter().filter_map(|k| ridge_angle(products, k)).collect();
         let mut ridge = std::mem::take(&mut self.ridge);
         solver.arch.dispatch(Fill(&mut ridge, &angles, products, solver.data.cone));
-        self.score(solver, &ridge);
-        let by_direction = self.scores.chunks_exact(EXPONENTS).zip(&ridge.angles);
-        let mut best: Vec<(f32, f64, usize)> = by_direction
-            .filter_map(|(scores, &angle)| {
-                let scores = scores.iter().copied().enumerate().filter(|(_, score)| score.is_finite());
-                let best = scores.max_by(|a, b| a.1.total_cmp(&b.1));
-                best.map(|(exponent, score)| (score, angle, exponent))
-            })
-            .collect();
-        best.sort_by(|a, b| b.0.total_cmp(&a.0));
+        self.score(solver, &ridge, along);
+        let mut best = Vec::with_capacity(ridge.angles.len());
+        for (place, &angle) in ridge.angles.iter().enumerate() {
+            let of_place =
+                (place * EXPONENTS..(place + 1) * EXPONENTS).filter(|&i| self.scores[i].is_finite());
+            if let Some(i) = of_place.max_by(|&a, &b| self.scores[a].total_cmp(&self.scores[b])) {
+                best.push(self.between(i, |_| None, angle));
+            }
+        }
+        best.sort_by(|a, b| b.score.total_cmp(&a.score));
         best.truncate(count);
         self.ridge = ridge;
         best
@@ -104,23 +136,23 @@ impl Scores {
 
     /// Makes the lists that shapes are multiplied with: residual, weight, the shapes of the set.
     fn list(&mut self, solver: &Solver, task: Task, model: &Model, at: &Amplitudes) {
-        let (columns, count) = (&solver.columns, solver.data.len());
+        let columns = &solver.columns;
         let layout = solver.layout(task.family, task.diffuse, model);
         let channels = layout.channels;
         let root = columns.column(0);
-        let mut rest = vec![0.0; count];
-        let mut add = |factor: f64, column: &[f64]| {
-            for (rest, value) in rest.iter_mut().zip(column) {
-                *rest += factor * value;
-            }
-        };
-        (0..channels).for_each(|channel| add(1.0, columns.column(1 + channel)));
-        for unknown in 0..=layout.terms() {
-            let total: f64 = (0..CHANNELS).map(|channel| at.x[channel][unknown]).sum();
-            add(-total, columns.column(layout.column(unknown)));
-        }
+        self.channels = channels;
         self.lists.clear();
-        self.lists.extend(rest.iter().zip(root).map(|(rest, root)| (rest * root) as f32));
+        for channel in 0..channels {
+            let start = self.lists.len();
+            self.lists.extend(columns.column(1 + channel).iter().map(|&goal| goal as f32));
+            let rest = &mut self.lists[start..];
+            for unknown in 0..=layout.terms() {
+                let x = at.x[channel][unknown] as f32;
+                let column = columns.column(layout.column(unknown));
+                rest.iter_mut().zip(column).for_each(|(rest, &value)| *rest -= x * value as f32);
+            }
+            rest.iter_mut().zip(root).for_each(|(rest, &root)| *rest *= root as f32);
+        }
         self.lists.extend(root.iter().map(|root| (root * root) as f32));
         self.spanned.clear();
         self.spanned.extend(spanned(layout, at));
@@ -132,10 +164,10 @@ impl Scores {
 
     /// How much each shape of the bank would lower the cost beside the model's, to first order, what is there moving along; −∞ where it adds
     /// nothing. The lists are made.
-    fn score(&mut self, solver: &Solver, bank: &Bank) {
+    fn score(&mut self, solver: &Solver, bank: &Bank, along: Along) {
         let count = bank.count;
         let known = self.spanned.len();
-        let lists = self.lists.len() / count.max(1);
+        let (channels, lists) = (self.channels, self.lists.len() / count.max(1));
         let products = Products32 { rows: &bank.shapes, lists: &self.lists, count, out: &mut self.products };
         solver.arch.dispatch(products);
 
@@ -155,24 +187,50 @@ impl Scores {
             for exponent in 0..EXPONENTS {
                 let row = &self.products[(place * ROWS + exponent) * lists..][..lists];
                 // The square of a shape is the next row of the bank.
-                let square = f64::from(self.products[(place * ROWS + exponent + 1) * lists + 1]);
+                let square = f64::from(self.products[(place * ROWS + exponent + 1) * lists + channels]);
                 let mut rest = square;
                 if regular {
                     let mut inner = [0.0; SPANNED];
-                    let mut shape = 2;
+                    let mut shape = channels + 1;
                     for (i, &column) in self.spanned.iter().enumerate() {
-                        let product = if column == 0 { row[1] } else { row[shape] };
+                        let product = if column == 0 { row[channels] } else { row[shape] };
                         shape += usize::from(column > 0);
                         let dot: f64 = (0..i).map(|k| factor[i * known + k] * inner[k]).sum();
                         inner[i] = (f64::from(product) * scale[i] - dot) / factor[i * known + i];
                         rest -= inner[i] * inner[i];
                     }
                 }
-                let along = f64::from(row[0]);
-                let adds = along > 0.0 && square > 0.0;
-                let score = along * along / rest.max(1e-3 * square);
+                let gain = along.of(&row[..channels]);
+                let adds = gain > 0.0 && square > 0.0;
+                let score = gain / rest.max(1e-3 * square);
                 self.scores.push(if adds { score as f32 } else { f32::NEG_INFINITY });
             }
+        }
+    }
+
+    /// The maximum near a shape at an angle, between it and its neighbours: exponents, and directions where `beside` tells their places. Each way it is that of the parabola
+    /// through three scores.
+    fn between(&self, index: usize, beside: impl Fn(usize) -> Option<[usize; 2]>, angle: f64) -> Maximum {
+        let (place, exponent) = (index / EXPONENTS, index % EXPONENTS);
+        let score = self.scores[index];
+        let vertex = |before: f32, after: f32| {
+            let bend = 2.0 * score - before - after;
+            if !(bend > 0.0 && bend.is_finite()) {
+                return [0.0; 2];
+            }
+            let off = (0.5 * (after - before) / bend).clamp(-0.5, 0.5);
+            [off, 0.25 * (after - before) * off]
+        };
+        let at = |place: usize| self.scores[place * EXPONENTS + exponent];
+        let [turn, by_turn] = beside(place).map_or([0.0; 2], |[before, after]| vertex(at(before), at(after)));
+        let [octaves, by_octaves] = match exponent {
+            1.. if exponent + 1 < EXPONENTS => vertex(self.scores[index - 1], self.scores[index + 1]),
+            _ => [0.0; 2],
+        };
+        Maximum {
+            score: score + by_turn + by_octaves,
+            angle: angle + f64::from(turn) * STEP,
+            n: bank::exponent(exponent as f64 + f64::from(octaves)),
         }
     }
 

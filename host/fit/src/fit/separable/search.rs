@@ -10,13 +10,16 @@ use super::super::lm::Limits;
 use super::super::model::{Model, ModelLobe, isotropic_c};
 use super::bank::Bank;
 use super::choice::Ascent;
-use super::score::Scores;
+use super::score::{Maximum, Scores};
 use super::solver::Solver;
 use super::start::{Found, Known, level, minimise};
 use super::task::{Effort, Task};
+use super::uncertainty;
 
 /// Sets whose costs differ by no more than this share are the same.
 const ALIKE: f64 = 1e-3;
+/// A lobe that only fits noise is optimised until a step promises less than this share of the cost.
+const OF_NOISE: f64 = 1e-4;
 /// A set that after a few steps is above so many times the best cost is not followed further.
 const HOPEFUL: f64 = 1.1;
 
@@ -115,7 +118,8 @@ impl Search {
     }
 
     /// The best fit of a fixed number of lobes that the search finds, from the fits `below`, with one lobe less, and `wide`, with as many isotropic
-    /// lobes where the family is another: at no higher cost than either, nor than `followed`, which came from a neighbour.
+    /// lobes where the family is another: at no higher cost than either, nor than `followed`, which came from a neighbour. Where there is no neighbour
+    /// (`fresh`) sets are looked for that are better only with more lobes.
     pub fn rung(
         &mut self,
         solver: &mut Solver,
@@ -123,10 +127,11 @@ impl Search {
         task: Task,
         [below, wide]: [Option<&Known>; 2],
         followed: Option<Known>,
+        fresh: bool,
     ) -> Known {
         let of = |known: &Known| Candidate { cost: known.cost, model: known.model.clone() };
         let mut beam: Vec<Candidate> = below.map(of).into_iter().collect();
-        if wide.is_none() && (followed.is_none() || task.lobes > 2 && !task.choose) && task.lobes > 1 {
+        if wide.is_none() && (fresh || task.lobes > 2 && !task.choose) && task.lobes > 1 {
             // Sets that look worse with few lobes may be the better ones with more.
             let mut other = vec![Candidate::of(Model::default())];
             for lobes in 1..task.lobes {
@@ -149,7 +154,11 @@ impl Search {
         for end in ends {
             if best.as_ref().is_none_or(|best| end.cost < HOPEFUL * best.cost) {
                 let mut model = end.model;
-                let (at, _) = minimise(solver, task, task.effort.limits, &mut model);
+                let mut limits = task.effort.limits;
+                if below.is_some_and(|below| uncertainty::is_noise(solver, below.cost - end.cost, end.cost)) {
+                    limits.tolerance = limits.tolerance.max(OF_NOISE);
+                }
+                let (at, _) = minimise(solver, task, limits, &mut model);
                 if best.as_ref().is_none_or(|best| at.cost < best.cost) {
                     best = Some(Known { model, level: level(solver, &at), cost: at.cost });
                 }
@@ -249,10 +258,11 @@ impl Search {
     ) -> (f64, Vec<Candidate>) {
         let at = solver.evaluate(task.family, task.diffuse, model);
         let maxima = self.scores.maxima(solver, bank, task, model, &at);
-        let left = at.cost - maxima.first().map_or(0.0, |best| f64::from(best.0));
-        let with = |&(_, angle, exponent): &(f32, f64, usize)| {
+        let left =
+            at.cost - maxima.first().map_or(0.0, |best| f64::from(best.score)) * solver.data.channels as f64;
+        let with = |best: &Maximum| {
             let mut model = model.clone();
-            model.lobes.push(ModelLobe::unit(isotropic_c(angle), f64::from(1u32 << exponent)));
+            model.lobes.push(ModelLobe::unit(isotropic_c(best.angle), best.n));
             Candidate::of(model)
         };
         (left, maxima.iter().take(task.effort.tries).map(with).collect())

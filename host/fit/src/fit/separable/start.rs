@@ -95,6 +95,15 @@ pub fn may_do(solver: &Solver, cost: f64, near: &Known) -> bool {
     cost <= AS_GOOD.end() * near.level * solver.data.valid as f64
 }
 
+/// Whether the samples tell every lobe of a neighbour's shapes, as they are, from noise.
+pub fn is_told(solver: &mut Solver, task: Task, near: &Known) -> bool {
+    let mut model = near.model.clone();
+    solver.refer(&mut model);
+    let at = solver.evaluate(task.family, task.diffuse, &model);
+    let layout = solver.layout(task.family, task.diffuse, &model);
+    uncertainty::told(solver, layout, &at).into_iter().all(|told| told)
+}
+
 /// The fit of a fixed number of lobes from shapes that were found nearby, and whether it is as good as a search would find. It may not be where
 /// it is worse than there, or far better (then it is of another material), above `floor`, the cost of a fit that it contains, or where an
 /// isotropic lobe of it only fits noise, in which the neighbour's has no meaning here.

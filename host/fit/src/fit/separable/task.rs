@@ -24,7 +24,7 @@ impl Effort {
     pub fn texel(lobes: usize) -> Self {
         if lobes <= 2 {
             return Self {
-                tries: 3,
+                tries: 5,
                 ridge: 1,
                 steps: 3,
                 beam: 2,
