@@ -77,7 +77,7 @@ fn drive(
     client: &mut Option<RigClient>,
     done: &mut usize,
 ) -> Result<()> {
-    let client = client.insert(RigClient::connect(simulated::port(&rig))?);
+    let client = client.insert(RigClient::connect(simulated::port(rig))?);
     client.configure(&config.configuration())?;
     client.home()?;
     client.lamp(true, 1.0)?;

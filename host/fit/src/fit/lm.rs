@@ -24,7 +24,7 @@ pub struct Freedom {
 
 /// How a fit ended.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Outcome {
+pub struct Descent {
     /// Σ w (g(f̂) − g(f))².
     pub cost: f64,
     /// Steps tried.
@@ -352,7 +352,7 @@ impl Optimiser {
         freedom: Freedom,
         limits: Limits,
         model: &mut Model,
-    ) -> Outcome {
+    ) -> Descent {
         Self::refer(model, samples, target.most);
         let mut cost = self.evaluate(samples, target, model);
         self.normal_equations(samples, target, model, freedom);
@@ -380,13 +380,13 @@ impl Optimiser {
                 growth *= 2.0;
             }
             if idle >= 2 || damping > 1e12 || cost == 0.0 {
-                return Outcome { cost, iterations: iteration, converged: true };
+                return Descent { cost, iterations: iteration, converged: true };
             }
             if improved {
                 self.normal_equations(samples, target, model, freedom);
             }
         }
-        Outcome { cost, iterations: limits.iterations, converged: false }
+        Descent { cost, iterations: limits.iterations, converged: false }
     }
 
     /// The fall in cost that the linear model promises for the step in the buffer.

@@ -7,7 +7,7 @@
 //! last beam is optimised to convergence and the cheapest wins. One procedure, no chance in it.
 
 use super::coat::Coat;
-use super::lm::{Freedom, Limits, Optimiser, Outcome};
+use super::lm::{Descent, Freedom, Limits, Optimiser};
 use super::model::{Model, ModelLobe, Turned, isotropic_c};
 use super::samples::{Samples, Target};
 use super::{linear, lm};
@@ -139,7 +139,7 @@ impl Search {
         problem: &Problem<'_>,
         lobes: usize,
         effort: Effort,
-    ) -> (Model, Outcome) {
+    ) -> (Model, Descent) {
         let beam = vec![Candidate { cost: f64::INFINITY, model: problem.diffuse_only() }];
         self.extend(optimiser, problem, beam, lobes, effort)
     }
@@ -151,7 +151,7 @@ impl Search {
         problem: &Problem<'_>,
         lobes: usize,
         effort: Effort,
-    ) -> (Model, Outcome) {
+    ) -> (Model, Descent) {
         let limits = Limits { iterations: effort.trial_steps, ..effort.limits };
         let mut beam: Vec<Candidate> = COAT_WIDTHS
             .iter()
@@ -175,7 +175,7 @@ impl Search {
         mut beam: Vec<Candidate>,
         lobes: usize,
         effort: Effort,
-    ) -> (Model, Outcome) {
+    ) -> (Model, Descent) {
         if lobes > 0 {
             self.bank.fill(problem.samples, effort.directions);
         }
@@ -198,7 +198,7 @@ impl Search {
             }
             beam = next;
         }
-        let mut best: Option<(Model, Outcome)> = None;
+        let mut best: Option<(Model, Descent)> = None;
         for mut candidate in beam {
             let outcome = problem.minimise(optimiser, effort.limits, &mut candidate.model);
             if best.as_ref().is_none_or(|(_, least)| outcome.cost < least.cost) {
@@ -206,7 +206,7 @@ impl Search {
             }
         }
         best.unwrap_or_else(|| {
-            (problem.diffuse_only(), Outcome { cost: f64::INFINITY, iterations: 0, converged: false })
+            (problem.diffuse_only(), Descent { cost: f64::INFINITY, iterations: 0, converged: false })
         })
     }
 
@@ -383,7 +383,7 @@ impl Problem<'_> {
     ///
     /// The search for the shapes is isotropic. From there an anisotropic fit needs a push: with Cx = Cy the cost does not
     /// depend on β. So an isotropic optimum is followed by four pushed ones, along β = 0 and β = π/4, of which the cheapest goes on.
-    pub fn minimise(&self, optimiser: &mut Optimiser, limits: Limits, model: &mut Model) -> Outcome {
+    pub fn minimise(&self, optimiser: &mut Optimiser, limits: Limits, model: &mut Model) -> Descent {
         let (samples, target, freedom) = (self.samples, self.target, self.freedom);
         let pushed = model.lobes.iter().any(|lobe| lobe.c.x != lobe.c.y);
         if freedom.isotropic || pushed || model.lobes.is_empty() {
@@ -391,7 +391,7 @@ impl Problem<'_> {
         }
         let isotropic = Freedom { isotropic: true, ..freedom };
         optimiser.minimise(samples, target, isotropic, limits, model);
-        let mut best: Option<(Model, Outcome)> = None;
+        let mut best: Option<(Model, Descent)> = None;
         for push in 0..4 {
             let mut trial = model.clone();
             trial.beta = if push < 2 { 0.0 } else { std::f64::consts::FRAC_PI_4 };
@@ -440,7 +440,7 @@ impl Problem<'_> {
         optimiser: &mut Optimiser,
         shapes: &[(glam::DVec3, f64)],
         limits: Limits,
-    ) -> (Model, Outcome) {
+    ) -> (Model, Descent) {
         let mut model = self.diffuse_only();
         model.lobes.extend(shapes.iter().map(|&(c, n)| lm::start_lobe(self.samples, c, n)));
         self.closed_form_amplitudes(&mut model);

@@ -9,7 +9,7 @@ pub mod uncertainty;
 
 use rayon::prelude::*;
 
-use super::lm::{Freedom, Optimiser, Outcome};
+use super::lm::{Descent, Freedom, Optimiser};
 use super::model::Model;
 use super::samples::{Samples, Target};
 use super::start::{Effort, Problem, Search};
@@ -85,7 +85,7 @@ pub struct WavelengthFit {
     /// The lobes.
     pub model: Model,
     /// Cost and convergence.
-    pub outcome: Outcome,
+    pub outcome: Descent,
     /// Standard deviations of the coefficients; none where the model is no optimum: found by the line search or changed for the sake of energy.
     pub deviations: Option<uncertainty::Deviations>,
     /// Over the rows that the fit saw.
@@ -244,7 +244,7 @@ fn one(
         let rho_d = diffuse::percentile(&mut part.value.clone(), PERCENTILE);
         let model = line_search::fit(&part, &target, rho_d, FREEDOM, variant);
         let cost = optimiser.evaluate(&part, &target, &model);
-        (model, Outcome { cost, iterations: 0, converged: true })
+        (model, Descent { cost, iterations: 0, converged: true })
     } else {
         let mut search = Search::default();
         let found = if microfacet {
@@ -303,10 +303,10 @@ fn one(
 
 /// The fit with lobes that sharpen, from one with lobes that do not.
 fn sharpened(
-    (mut model, _): (Model, Outcome),
+    (mut model, _): (Model, Descent),
     optimiser: &mut Optimiser,
     problem: &Problem<'_>,
-) -> (Model, Outcome) {
+) -> (Model, Descent) {
     model.lobes.iter_mut().for_each(|lobe| lobe.n_grazing = Some(lobe.n));
     let outcome = problem.minimise(optimiser, Effort::TABLE.limits, &mut model);
     (model, outcome)

@@ -115,7 +115,7 @@ pub struct Tried {
 }
 
 /// What met the bound.
-pub struct Outcome<'a> {
+pub struct Met<'a> {
     /// Ready for further views.
     pub chosen: Chosen<'a>,
     /// The view.
@@ -211,7 +211,7 @@ impl<'a> Model<'a> {
     ///
     /// # Errors
     /// An input error for an error that is not above 0, and those of the renderers.
-    pub fn meet(&self, view: &Camera, max_error: f64) -> Result<Outcome<'a>> {
+    pub fn meet(&self, view: &Camera, max_error: f64) -> Result<Met<'a>> {
         if max_error.is_nan() || max_error <= 0.0 {
             return Err(Error::input(format!("max-error is {max_error}, must be above 0")));
         }
@@ -272,7 +272,7 @@ impl<'a> Model<'a> {
             }
         };
         chosen.note = self.refused.last().map(|(.., error)| error.to_string());
-        Ok(Outcome { chosen, rendering, tried })
+        Ok(Met { chosen, rendering, tried })
     }
 
     /// The three pictures that judge a view; the last has twice the samples.

@@ -6,7 +6,7 @@ use pulp::{Arch, WithSimd};
 
 use super::super::coat::WIDTHS;
 use super::super::linear::solve_spd;
-use super::super::lm::{Limits, Outcome};
+use super::super::lm::{Descent, Limits};
 use super::super::model::{EXPONENTS, Model};
 use super::super::samples::MOST_OVER_SEEN;
 use super::bound::{self, Albedos, Bound, Caps};
@@ -225,12 +225,12 @@ impl Solver {
         diffuse: bool,
         limits: Limits,
         model: &mut Model,
-    ) -> (Amplitudes, Outcome) {
+    ) -> (Amplitudes, Descent) {
         let layout = self.layout(family, diffuse, model);
         self.refer(model);
         let mut at = self.evaluate(family, diffuse, model);
         let outcome =
-            |at: &Amplitudes, iterations, converged| Outcome { cost: at.cost, iterations, converged };
+            |at: &Amplitudes, iterations, converged| Descent { cost: at.cost, iterations, converged };
         if layout.size() == 0 {
             return (at, outcome(&at, 0, true));
         }

@@ -1,7 +1,7 @@
 //! What is known of a fit ([`Known`], [`Found`]), starts from neighbours ([`follow`]), and the optimisation of all
 //! starts ([`minimise`]).
 
-use super::super::lm::{Limits, Outcome};
+use super::super::lm::{Descent, Limits};
 use super::super::model::Model;
 use super::choice;
 use super::layout::{Family, MOST_LOBES};
@@ -29,7 +29,7 @@ pub struct Found {
     /// Their amplitudes.
     pub at: Amplitudes,
     /// Cost and convergence.
-    pub outcome: Outcome,
+    pub outcome: Descent,
     /// Squared residuals of the poses, each predicted without it; empty where there is no choice to make.
     pub left_out: Vec<f64>,
     /// The models with 1, 2, … lobes that there was a choice of, or that it came from where there was none.
@@ -70,7 +70,7 @@ impl Found {
     pub fn judged(solver: &mut Solver, task: Task, known: &Known) -> Self {
         let at = solver.evaluate(task.family, task.diffuse, &known.model);
         let left_out = choice::left_out(solver, task, &known.model, &at);
-        let outcome = Outcome { cost: at.cost, iterations: 0, converged: true };
+        let outcome = Descent { cost: at.cost, iterations: 0, converged: true };
         Self { model: known.model.clone(), at, outcome, left_out, known: Vec::new(), doubtful: false }
     }
 
@@ -144,7 +144,7 @@ pub fn follow(
 }
 
 /// Optimises within the task's family. An anisotropic fit of lobes that are still isotropic first finds their direction.
-pub fn minimise(solver: &mut Solver, task: Task, limits: Limits, model: &mut Model) -> (Amplitudes, Outcome) {
+pub fn minimise(solver: &mut Solver, task: Task, limits: Limits, model: &mut Model) -> (Amplitudes, Descent) {
     let Task { family, diffuse, .. } = task;
     if family != Family::Anisotropic
         || model.lobes.is_empty()

@@ -7,7 +7,7 @@
 
 use glam::DVec2;
 
-use super::homography::{Homography, Sensitivity, area, is_convex, module_width};
+use super::homography::{Sensitivity, TagMap, area, is_convex, module_width};
 use super::pattern::Pattern;
 use super::{Detection, Fit, GrayImage, read};
 use lobelia_base::linalg::Normal;
@@ -55,14 +55,14 @@ pub(super) fn from_detected(image: &GrayImage, detection: &Detection) -> Option<
 
 /// Fits a tag from corners that are right to about three pixels.
 pub(super) fn from_predicted(image: &GrayImage, id: u32, predicted: &[DVec2; 4]) -> Option<(Detection, Fit)> {
-    let shift = best_shift(image, &Pattern::new(id)?, &Homography::to_quad(predicted)?)?;
+    let shift = best_shift(image, &Pattern::new(id)?, &TagMap::to_quad(predicted)?)?;
     let (found, quality) = fit(image, id, &predicted.map(|corner| corner + shift))?;
     let near = moved(&found.corners, predicted) <= FARTHEST;
     near.then_some((found, quality))
 }
 
 /// The shift at which samples of the modules correlate best with the pattern.
-fn best_shift(image: &GrayImage, pattern: &Pattern, map: &Homography) -> Option<DVec2> {
+fn best_shift(image: &GrayImage, pattern: &Pattern, map: &TagMap) -> Option<DVec2> {
     let steps = || (-SHIFTS..=SHIFTS).map(|i| f64::from(i) * SHIFT);
     let shifts = steps().flat_map(|y| steps().map(move |x| DVec2::new(x, y)));
     let scored = shifts.filter_map(|shift| {
@@ -111,7 +111,7 @@ struct Pixel {
 
 /// The pixels of a tag and a margin of its quiet zone, if all of it is in the picture.
 fn pixels_of(image: &GrayImage, corners: &[DVec2; 4]) -> Option<Vec<Pixel>> {
-    let map = Homography::to_quad(corners)?;
+    let map = TagMap::to_quad(corners)?;
     let ring = [-MARGIN, 1.0 + MARGIN].map(|v| [-MARGIN, 1.0 + MARGIN].map(|u| map.pixel(DVec2::new(u, v))));
     let low = ring.iter().flatten().fold(DVec2::INFINITY, |a, &b| a.min(b)).ceil();
     let high = ring.iter().flatten().fold(DVec2::NEG_INFINITY, |a, &b| a.max(b)).floor();
@@ -254,14 +254,14 @@ impl Problem {
 
 /// The tag's plane as a state puts it in the picture.
 struct View {
-    map: Homography,
+    map: TagMap,
     sensitivity: Sensitivity,
 }
 
 impl View {
     fn new(state: &State) -> Option<Self> {
-        let map = Homography::to_quad(&state.corners)?;
-        Some(Self { map, sensitivity: Homography::sensitivity(&state.corners)? })
+        let map = TagMap::to_quad(&state.corners)?;
+        Some(Self { map, sensitivity: TagMap::sensitivity(&state.corners)? })
     }
 
     /// The value of a pixel and its derivatives by the unknowns.

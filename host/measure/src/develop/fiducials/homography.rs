@@ -4,12 +4,12 @@ use glam::{DMat3, DVec2, DVec3};
 
 /// A projective map from tag coordinates (0..1 across the black border's outer edge) to pixels.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Homography {
+pub(super) struct TagMap {
     matrix: DMat3,
     inverse: DMat3,
 }
 
-impl Homography {
+impl TagMap {
     /// The map of the unit square to the corners (Heckbert 1989, section 2.2.3), if they span an area.
     pub(super) fn to_quad(corners: &[DVec2; 4]) -> Option<Self> {
         let [a, b, c, d] = *corners;
@@ -54,7 +54,7 @@ impl Homography {
     }
 }
 
-/// The derivative of a [`Homography`] by the eight coordinates of its corners.
+/// The derivative of a [`TagMap`] by the eight coordinates of its corners.
 pub(super) struct Sensitivity {
     at: DMat3,
     slopes: [DMat3; 8],
@@ -105,7 +105,7 @@ mod tests {
 
     #[test]
     fn corners_map_to_corners_and_back() {
-        let map = Homography::to_quad(&QUAD).unwrap();
+        let map = TagMap::to_quad(&QUAD).unwrap();
         for (corner, square) in QUAD.iter().zip(SQUARE) {
             assert!(map.pixel(square).distance(*corner) < 1e-9);
             assert!(map.tag(*corner).distance(square) < 1e-9);
@@ -114,18 +114,18 @@ mod tests {
 
     #[test]
     fn slopes_are_those_of_the_map() {
-        let map = Homography::to_quad(&QUAD).unwrap();
+        let map = TagMap::to_quad(&QUAD).unwrap();
         let pixel = DVec2::new(25.0, 31.0);
         let (x, y) = map.tag_per_pixel(pixel);
         let quotient = |step: DVec2| (map.tag(pixel + step * 1e-5) - map.tag(pixel - step * 1e-5)) / 2e-5;
         assert!(x.distance(quotient(DVec2::X)) < 1e-8 && y.distance(quotient(DVec2::Y)) < 1e-8);
 
         let tag = DVec2::new(0.3, 0.8);
-        let motion = Homography::sensitivity(&QUAD).unwrap().pixel(tag);
+        let motion = TagMap::sensitivity(&QUAD).unwrap().pixel(tag);
         for (k, motion) in motion.iter().enumerate() {
             let mut moved = QUAD;
             moved[k / 2][k % 2] += 1e-3;
-            let quotient = (Homography::to_quad(&moved).unwrap().pixel(tag) - map.pixel(tag)) / 1e-3;
+            let quotient = (TagMap::to_quad(&moved).unwrap().pixel(tag) - map.pixel(tag)) / 1e-3;
             assert!(motion.distance(quotient) < 1e-3, "coordinate {k}");
         }
     }
@@ -133,7 +133,7 @@ mod tests {
     #[test]
     fn corners_on_a_line_have_no_map() {
         let line = [0.0, 1.0, 2.0, 3.0].map(|x| DVec2::new(x, 2.0 * x));
-        assert!(Homography::to_quad(&line).is_none());
+        assert!(TagMap::to_quad(&line).is_none());
         assert!(!is_convex(&line, 0.1) && is_convex(&QUAD, 10.0));
     }
 }

@@ -3,7 +3,7 @@
 use glam::DVec2;
 
 use super::family::{MODULES, Word, decode};
-use super::homography::Homography;
+use super::homography::TagMap;
 use super::{Detection, GrayImage};
 use lobelia_base::linalg::Normal;
 
@@ -23,7 +23,7 @@ pub(super) type Samples = [[f64; GRID]; GRID];
 
 /// The tag that a dark quadrilateral shows, with its corners put in their order, and the wrong modules.
 pub(super) fn read(image: &GrayImage, quad: &[DVec2; 4]) -> Option<(Detection, u32)> {
-    let samples = sample(image, &Homography::to_quad(quad)?, DVec2::ZERO)?;
+    let samples = sample(image, &TagMap::to_quad(quad)?, DVec2::ZERO)?;
     let threshold = Threshold::of(&samples)?;
     let Word { id, turns, errors } = decode(threshold.word(&samples))?;
     // A quarter turn of the pattern takes its top left to where the top right was.
@@ -32,7 +32,7 @@ pub(super) fn read(image: &GrayImage, quad: &[DVec2; 4]) -> Option<(Detection, u
 }
 
 /// Samples all modules, shifted by some pixels; nothing if a part of the tag is not in the picture.
-pub(super) fn sample(image: &GrayImage, map: &Homography, shift: DVec2) -> Option<Samples> {
+pub(super) fn sample(image: &GrayImage, map: &TagMap, shift: DVec2) -> Option<Samples> {
     let mut samples = [[0.0; GRID]; GRID];
     for (y, row) in samples.iter_mut().enumerate() {
         for (x, sample) in row.iter_mut().enumerate() {

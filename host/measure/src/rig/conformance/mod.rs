@@ -19,7 +19,7 @@ use lobelia_base::error::{Error, Result};
 
 /// What came of a check.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub enum Outcome {
+pub enum Finding {
     /// It holds.
     Pass,
     /// It doesn't: why.
@@ -34,7 +34,7 @@ pub struct Check {
     /// What has to hold.
     pub name: &'static str,
     /// Whether it does.
-    pub outcome: Outcome,
+    pub outcome: Finding,
 }
 
 /// A check: does its script and gives trouble when something is wrong.
@@ -70,11 +70,11 @@ pub fn run(
     let mut done = Vec::with_capacity(count());
     for (name, script) in SCRIPT.into_iter().flatten() {
         let outcome = if light::STRIKES.contains(name) && !strike_lamp {
-            Outcome::Skipped("the lamp is to stay off")
+            Finding::Skipped("the lamp is to stay off")
         } else {
             match script(&mut bench) {
-                Ok(()) => Outcome::Pass,
-                Err(Trouble::Wrong(why)) => Outcome::Fail(why),
+                Ok(()) => Finding::Pass,
+                Err(Trouble::Wrong(why)) => Finding::Fail(why),
                 Err(Trouble::Link(error)) => return Err(error.at(name)),
             }
         };

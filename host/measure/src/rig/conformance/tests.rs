@@ -2,7 +2,7 @@
 #![allow(clippy::unwrap_used, reason = "helpers of tests are tests")]
 
 use lobelia_hil_sim::{MechanicsConfig, SimulatedRig};
-use lobelia_protocol::{Answer, Outcome as RequestOutcome, ToController, ToHost};
+use lobelia_protocol::{Answer, Outcome, ToController, ToHost};
 
 use super::*;
 use crate::rig::testing::{Bent, fresh_ids};
@@ -13,7 +13,7 @@ fn failures(port: Box<dyn Port>) -> Vec<&'static str> {
     assert_eq!(checks.len(), count());
     checks
         .into_iter()
-        .filter(|check| matches!(check.outcome, Outcome::Fail(_)))
+        .filter(|check| matches!(check.outcome, Finding::Fail(_)))
         .map(|check| check.name)
         .collect()
 }
@@ -30,7 +30,7 @@ fn the_simulated_rig_conforms_and_is_left_dark_and_at_rest() {
     let checks = run(Box::new(rig.link()), &configuration, true, |_| told += 1).unwrap();
     assert_eq!(told, count());
     for check in checks {
-        assert_eq!(check.outcome, Outcome::Pass, "{}", check.name);
+        assert_eq!(check.outcome, Finding::Pass, "{}", check.name);
     }
     assert!(!rig.shutter_open());
 }
@@ -40,14 +40,14 @@ fn a_rig_with_play_scatter_and_noise_conforms() {
     let config = MechanicsConfig::default();
     let link = Box::new(SimulatedRig::new(&config).link());
     let checks = run(link, &config.configuration(), true, |_| {}).unwrap();
-    assert!(checks.iter().all(|check| check.outcome == Outcome::Pass), "{checks:?}");
+    assert!(checks.iter().all(|check| check.outcome == Finding::Pass), "{checks:?}");
 }
 
 #[test]
 fn without_the_lamp_the_checks_that_strike_it_are_left_out() {
     let configuration = MechanicsConfig::ideal().configuration();
     let checks = run(Box::new(rig().link()), &configuration, false, |_| {}).unwrap();
-    let skipped = checks.iter().filter(|check| matches!(check.outcome, Outcome::Skipped(_)));
+    let skipped = checks.iter().filter(|check| matches!(check.outcome, Finding::Skipped(_)));
     assert_eq!(skipped.count(), light::STRIKES.len());
 }
 
@@ -55,7 +55,7 @@ fn without_the_lamp_the_checks_that_strike_it_are_left_out() {
 fn flipped_positions_fail_the_moves() {
     let flip = |packet: &mut ToHost| {
         if let ToHost::Response(response) = packet
-            && let RequestOutcome::Done(Answer::At(positions)) = &mut response.outcome
+            && let Outcome::Done(Answer::At(positions)) = &mut response.outcome
         {
             *positions = positions.map(|steps| -steps);
         }
@@ -77,7 +77,7 @@ fn a_controller_that_runs_repetitions_again_fails_the_link() {
 fn a_shutter_that_is_wrong_by_a_thousandth_fails_the_light() {
     let late = |packet: &mut ToHost| {
         if let ToHost::Response(response) = packet
-            && let RequestOutcome::Done(Answer::Exposed(exposure)) = &mut response.outcome
+            && let Outcome::Done(Answer::Exposed(exposure)) = &mut response.outcome
         {
             exposure.open_us += exposure.open_us / 1000;
         }
