@@ -1,5 +1,5 @@
 // Light from afar by prefiltered maps (6.13)-(6.18), appended to lights.wgsl, which calls `distant_of`.
-// The twin in Rust is host/src/render/environment/mod.rs, Light::reflected.
+// The twin in Rust is host/render/src/render/environment/mod.rs, Light::reflected.
 
 struct Sky {
     // Cosine and sine of the environment's turn about +y; maps of S; 1 to correct lobes near the horizon.

@@ -1,5 +1,5 @@
 // The separable fit: Levenberg–Marquardt over the shapes of lobes, amplitudes in closed form; a workgroup a set of shapes.
-// The twin in Rust is host/src/fit/separable. The host joins the files of fit/ to this one and puts these constants before it:
+// The twin in Rust is host/fit/src/fit/separable. The host joins the files of fit/ to this one and puts these constants before it:
 //   LOBES; SLOTS, at least 1; FAMILY; DERIVATIVES a lobe; FORMS, at least 1; UNKNOWNS of the shapes, at least 1; MOST, the larger of UNKNOWNS and LOBES + 1.
 //
 // Sums are of f32. Two things keep them right: a tile's products are summed before they are added to the total, and the products with the

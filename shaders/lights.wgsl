@@ -1,7 +1,7 @@
 // Lights on SBRDF materials, any number of lobes and lamps in one pass, with shadows:
 // L = sum over lights of (rho_d + sum over lobes of rho_s (wi C' wo)^n) E_l (N . wi)   (4.1), (6.9)
 // Reflectance, not its parameters, is interpolated between texels, unless FILTERING says otherwise. The twin in Rust is
-// host/src/render/lights/cpu.rs; coefficients are laid out by host/src/render/storage.rs. To this file, bindings and the pass, are
+// host/render/src/render/lights/cpu.rs; coefficients are laid out by host/render/src/render/storage.rs. To this file, bindings and the pass, are
 // appended the parts in lights/ and `distant_of`, what is reflected of light from afar: environment.wgsl, or nothing.
 
 struct View {

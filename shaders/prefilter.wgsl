@@ -1,5 +1,5 @@
 // One slice of a prefiltered environment: the root S(w_p, n)^(1/n), S = integral of (w_p . w_i)^n L_i dw_i   (6.16)
-// The twin in Rust is host/src/render/environment/source.rs.
+// The twin in Rust is host/render/src/render/environment/source.rs.
 
 struct Task {
     // Points of light a row, rows.

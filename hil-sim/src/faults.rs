@@ -207,7 +207,7 @@ mod tests {
         let bytes: Vec<u8> = (1..=200).collect();
         let always = |rates: FaultRates| passed(rates, 3, &bytes).0;
         assert_eq!(always(FaultRates::default()), bytes);
-        assert_eq!(always(FaultRates { lost: 1.0, ..Default::default() }), []);
+        assert_eq!(always(FaultRates { lost: 1.0, ..Default::default() }), [0u8; 0]);
         let doubled = always(FaultRates { doubled: 1.0, ..Default::default() });
         assert_eq!(doubled, bytes.iter().flat_map(|&byte| [byte, byte]).collect::<Vec<_>>());
         let flipped = always(FaultRates { flipped: 1.0, ..Default::default() });

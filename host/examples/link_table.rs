@@ -6,6 +6,7 @@ use std::fmt::Write;
 use std::path::PathBuf;
 
 use lobelia::Result;
+use lobelia::acquire::simulated;
 use lobelia::rig::RigClient;
 use lobelia_hil_sim::{FaultRates, LineConfig, MechanicsConfig, SimulatedRig};
 use lobelia_protocol::Axis;
@@ -76,7 +77,7 @@ fn drive(
     client: &mut Option<RigClient>,
     done: &mut usize,
 ) -> Result<()> {
-    let client = client.insert(RigClient::connect(Box::new(rig.link()))?);
+    let client = client.insert(RigClient::connect(simulated::port(rig))?);
     client.configure(&config.configuration())?;
     client.home()?;
     client.lamp(true, 1.0)?;

@@ -12,11 +12,11 @@ use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
 use crate::chart::{Cell, Table};
-use crate::fit::figures::ErrorFigure;
-use crate::fit::random::Random;
+use crate::distance::{DirectionPair, distance};
+use crate::figures::ErrorFigure;
 use crate::page::scale::quantile;
 use crate::plan::Plan;
-use crate::plan::distance::{DirectionPair, distance};
+use crate::random::Random;
 use crate::reflectance::Rgb;
 use crate::rig::config::RigConfig;
 use crate::rig::geometry::directions;

@@ -1,8 +1,10 @@
 //! Lobelia's host library: plans poses, drives the rig and its camera, develops photographs into reflectance,
 //! fits that with a few lobes per texel, and renders the result.
 //!
-//! The `lobelia` command is a thin layer over these modules; arrows run one way:
-//! `rig` ← `plan` ← `acquire` ← `develop` ← `fit` ← `render` ← `cli`.
+//! The modules stand in crates of their own, named here together: lobelia-base, lobelia-reflectance, lobelia-measure,
+//! lobelia-gpu, lobelia-fit and lobelia-render. Arrows run one way: base ← reflectance ← measure, fit ← render; gpu ←
+//! fit, render. Here are what sees them all, the charts, the comparison with photographs and the demo, and the
+//! `lobelia` command. The simulator comes in with the feature `sim`.
 
 pub mod acquire;
 pub mod by_angle;
@@ -11,27 +13,14 @@ pub mod cli;
 pub mod compare;
 #[cfg(feature = "sim")]
 pub mod demo;
-pub mod develop;
-pub mod edit;
-pub mod error;
-pub mod files;
-pub mod fit;
-pub mod linalg;
-pub mod memory;
-mod page;
-mod picture_file;
-pub mod plan;
-pub mod progress;
-pub mod provenance;
-mod radiance_file;
-pub mod render;
-pub mod report;
-pub mod rig;
-pub mod sampled;
-pub mod scene;
-pub mod synth;
-pub mod toml_file;
 pub mod warning;
 
-pub use error::{Error, Result};
+pub use lobelia_base::{
+    Error, Result, durable, error, figures, files, hash, interrupt, linalg, memory, page, progress,
+    provenance, random, report, toml_file,
+};
+pub use lobelia_fit::{edit, fit, synth};
+pub use lobelia_measure::{develop, plan, rig, run};
 pub use lobelia_reflectance as reflectance;
+pub use lobelia_reflectance::{distance, mip, sampled};
+pub use lobelia_render::{render, scene};

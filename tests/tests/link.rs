@@ -8,6 +8,7 @@ use std::process::Stdio;
 use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant};
 
+use lobelia::acquire::simulated;
 use lobelia::develop;
 use lobelia::plan::Plan;
 use lobelia::rig::RigClient;
@@ -235,7 +236,7 @@ fn assert_safe_within_the_lease(rig: &SimulatedRig) -> bool {
     let rest = steps(rig);
     rig.abandon_until_us(end_us + 60_000_000);
     assert_eq!(steps(rig), rest, "an axis still moved");
-    let mut client = RigClient::connect(Box::new(rig.link())).unwrap();
+    let mut client = RigClient::connect(simulated::port(rig)).unwrap();
     let faults = client.status().unwrap().faults;
     assert!(!endangered || faults.contains(Fault::LeaseExpired), "no fault is latched");
     endangered

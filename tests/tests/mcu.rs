@@ -3,6 +3,7 @@
 #![cfg(unix)]
 #![allow(clippy::unwrap_used, reason = "helpers of tests are tests")]
 
+use lobelia::acquire::simulated;
 use lobelia::rig::trace::{self, Recorder};
 use lobelia::rig::{Port, RigClient, replay};
 use lobelia_hil_sim::{MechanicsConfig, SimulatedRig};
@@ -306,7 +307,7 @@ fn session_recorded_in_qemu_is_replayed_by_the_simulator_step_by_step() {
     drop(client);
 
     let trace = trace::read(&path).unwrap();
-    let mut client = ready(Box::new(simulated_rig().link()));
+    let mut client = ready(simulated::port(&simulated_rig()));
     let replayed = replay::run(&mut client, &trace, false, || {}).unwrap();
     println!("{} steps, times within {} µs", replayed.steps, replayed.most_us);
     assert_eq!(replayed.differences, []);

@@ -1,4 +1,5 @@
-//! The vocabulary of reflectance that the host and the simulator share: lobes, a microfacet term, SBRDF maps, measured tables, colour.
+//! The vocabulary of reflectance that the host and the simulator share: lobes, a microfacet term, SBRDF maps, measured
+//! tables, colour, sampled SBRDFs and pictures.
 //!
 //! Directions are unit vectors in the sample's local frame (x, y the principal directions of anisotropy or the texture
 //! axes, z the outward normal): `wi` points toward the light, `wo` toward the viewer. Reflectance is in sr⁻¹ and never
@@ -6,14 +7,20 @@
 
 pub mod albedo;
 pub mod colour;
-pub mod durable;
+pub mod distance;
 pub mod exr_file;
 pub mod lobe;
 pub mod map;
 mod map_exr;
 pub mod materials;
 pub mod microfacet;
+pub mod mip;
+pub mod picture;
+pub mod picture_file;
+pub mod radiance_file;
+pub mod sampled;
 pub mod table;
+pub mod warning;
 
 pub use lobe::{Lobe, LobeBrdf};
 pub use map::{LobePlane, MicrofacetPlane, SbrdfMap};

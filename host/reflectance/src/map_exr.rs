@@ -11,7 +11,9 @@ use exr::prelude::{
 };
 use glam::{Vec2, Vec3};
 
-use crate::{FormatError, LobePlane, MicrofacetPlane, Rgb, SbrdfMap, durable, exr_file};
+use lobelia_base::durable;
+
+use crate::{FormatError, LobePlane, MicrofacetPlane, Rgb, SbrdfMap, exr_file};
 
 /// Attributes that every map carries.
 const UNITS: [(&str, &str); 3] = [

@@ -4,9 +4,9 @@ use std::time::Instant;
 
 use super::{Axis, Plot, Section, Series, Table};
 use crate::error::Result;
-use crate::fit::random::Random;
 use crate::fit::{self, Device, FitOptions, Residual, gpu};
 use crate::progress;
+use crate::random::Random;
 use crate::reflectance::{Brdf, LobeBrdf, SbrdfMap};
 use crate::synth::{self, Options};
 
@@ -77,7 +77,7 @@ pub(super) fn section(seed: u64) -> Result<Section> {
             let start = Instant::now();
             let map = fit::fit_sbrdf(&sampled, &options)?;
             let time_us = start.elapsed().as_secs_f64() * 1e6 / truth.len() as f64;
-            let errors = super::fit::errors(&map, &truth, seed);
+            let errors = super::unposed::errors(&map, &truth, seed);
             cells[place] = [time_us, errors[errors.len() / 2]];
             let line = &mut series[2 * place + usize::from(!isotropic)];
             line.points.push(cells[place]);

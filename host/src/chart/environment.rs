@@ -12,16 +12,11 @@ use crate::progress;
 use crate::reflectance::{Lobe, LobeBrdf, Rgb};
 use crate::render::choose;
 use crate::render::compare::relative_rmse_by;
-use crate::render::environment::quadrature::Truth;
+use crate::render::environment::quadrature::{DIRECTIONS, MAP_EXPONENTS, Truth};
 use crate::render::environment::{Encoding, Prefiltered, Settings};
 use crate::render::{self, Renderer, reference};
 use crate::scene::{Background, Camera, Environment, Material, Object, Scene, shapes};
 
-/// Exponents at which maps are judged: powers of two and what lies between them.
-pub(crate) const MAP_EXPONENTS: [f32; 12] =
-    [1.0, 1.4, 2.8, 5.5, 11.0, 22.0, 45.0, 88.0, 170.0, 350.0, 700.0, 1000.0];
-/// Directions in which they are.
-pub(crate) const DIRECTIONS: usize = 128;
 /// Exponents of the ball's lobe.
 const EXPONENTS: [f32; 13] = [1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0, 10.0, 20.0, 50.0, 100.0];
 /// Those that are shown by angle.

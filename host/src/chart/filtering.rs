@@ -60,7 +60,7 @@ fn scene(map: &Arc<SbrdfMap>, fitted: &[Arc<SbrdfMap>], texels: f32) -> Scene {
 }
 
 /// The relative RMSE of every filter, and the pictures of the reference and of the filters, at one minification.
-fn measure(scene: &Scene) -> Result<([f64; 4], Vec<crate::render::Picture>)> {
+fn measure(scene: &Scene) -> Result<([f64; 4], Vec<lobelia_reflectance::picture::Picture>)> {
     let judge = reference::Settings { samples: SAMPLES, bounces: 1, ..Default::default() };
     let truth = judge.render(scene, &scene.camera)?.picture;
     let mut pictures = vec![truth];
@@ -125,11 +125,11 @@ pub(super) fn section(maps: &[(&str, SbrdfMap)]) -> Result<Section> {
 }
 
 /// Every pixel as a square of `times` × `times`.
-fn enlarged(picture: &crate::render::Picture, times: usize) -> crate::render::Picture {
+fn enlarged(picture: &lobelia_reflectance::picture::Picture, times: usize) -> crate::render::Picture {
     let (width, height) = (picture.width * times, picture.height * times);
     let at = |k: usize| picture.pixels[k / width / times * picture.width + k % width / times];
     let pixels: Vec<Vec4> = (0..width * height).into_par_iter().map(at).collect();
-    crate::render::Picture { width, height, pixels }
+    lobelia_reflectance::picture::Picture { width, height, pixels }
 }
 
 #[cfg(test)]

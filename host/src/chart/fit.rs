@@ -4,12 +4,13 @@ use std::time::Instant;
 
 use glam::Vec3;
 
+use super::unposed;
 use super::{Axis, Chart, Plot, Section, Series, Table};
 use crate::error::{Error, Result};
-use crate::fit::random::Random;
 use crate::fit::{self, FitOptions, MOST_LOBES, Method, Residual};
 use crate::progress;
-use crate::reflectance::{Brdf, Lobe, LobeBrdf, Rgb, SbrdfMap};
+use crate::random::Random;
+use crate::reflectance::{Brdf, Lobe, LobeBrdf, Rgb};
 use crate::synth::{self, Options};
 
 /// Noise on the samples, sr⁻¹.
@@ -99,7 +100,7 @@ fn methods(seed: u64) -> Result<Section> {
             let start = Instant::now();
             let map = fit::fit_sbrdf(&sampled, options)?;
             let time_ms = start.elapsed().as_secs_f64() * 1e3 / truth.len() as f64;
-            let errors = errors(&map, &truth, seed);
+            let errors = unposed::errors(&map, &truth, seed);
             let at = |share: f64| errors[((errors.len() - 1) as f64 * share) as usize];
             let family = name.split(',').next().unwrap_or(name);
             if series.last().is_none_or(|last| last.name != family || options.choose) {
@@ -137,33 +138,6 @@ fn methods(seed: u64) -> Result<Section> {
         tables: vec![table],
         ..Section::default()
     })
-}
-
-/// Pairs of directions that samples of the same seed were not posed at.
-pub(super) fn unposed(seed: u64) -> Vec<(Vec3, Vec3)> {
-    (synth::poses(300, seed ^ 0x7465_7374).iter())
-        .map(|pose| (pose.light_mm.normalize().as_vec3(), pose.camera_mm.normalize().as_vec3()))
-        .collect()
-}
-
-/// ‖f̂ − f‖ / ‖f‖ of a texel over pairs of directions and the channels.
-pub(super) fn relative_error(map: &SbrdfMap, texel: usize, truth: &impl Brdf, pairs: &[(Vec3, Vec3)]) -> f64 {
-    let (mut off, mut all) = (0.0f64, 0.0f64);
-    for &(wi, wo) in pairs {
-        let f = truth.eval(wi, wo);
-        off += f64::from((map.eval(texel, wi, wo) - f).length_squared());
-        all += f64::from(f.length_squared());
-    }
-    (off / all).sqrt()
-}
-
-/// Relative errors of the texels on unposed directions, sorted.
-pub(super) fn errors(map: &SbrdfMap, truth: &[LobeBrdf], seed: u64) -> Vec<f64> {
-    let pairs = unposed(seed);
-    let error = |(index, truth): (usize, &LobeBrdf)| relative_error(map, index, truth, &pairs);
-    let mut errors: Vec<f64> = truth.iter().enumerate().map(error).collect();
-    errors.sort_by(f64::total_cmp);
-    errors
 }
 
 /// Time by texels × samples.

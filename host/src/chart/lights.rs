@@ -6,8 +6,8 @@ use glam::Vec3;
 
 use super::{Axis, Chart, Plot, Section, Series, Table};
 use crate::error::Result;
-use crate::fit::random::Random;
 use crate::progress;
+use crate::random::Random;
 use crate::reflectance::{Lobe, LobeBrdf, Rgb};
 use crate::render::lights::{Filtering, Settings};
 use crate::render::storage::Storage;
@@ -249,9 +249,8 @@ mod tests {
             Err(error) if error.to_string().contains("no adapter") => return println!("skipped: {error}"),
             Err(error) => panic!("{error}"),
         };
-        let numbers = |table: &Table| {
-            table.rows.iter().flatten().filter_map(super::super::table::number).collect::<Vec<_>>()
-        };
+        let numbers =
+            |table: &Table| table.rows.iter().flatten().filter_map(super::super::number).collect::<Vec<_>>();
         for table in chart.sections.iter().flat_map(|section| &section.tables) {
             assert!(numbers(table).iter().all(|number| *number > 0.0), "{table}");
         }

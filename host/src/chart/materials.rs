@@ -226,10 +226,10 @@ impl<'a> Laid<'a> {
 
     /// Median over the texels of ‖f̂ − f‖ / ‖f‖ on directions that were not posed.
     fn error(&self, sampled: &SampledSbrdf, map: &SbrdfMap, seed: u64) -> f64 {
-        let pairs = super::fit::unposed(seed);
+        let pairs = super::unposed::pairs(seed);
         let of = |texel: usize| {
             let place = sampled.position_mm(texel);
-            super::fit::relative_error(map, texel, self.layout.at(place.x, place.y), &pairs)
+            super::unposed::relative_error(map, texel, self.layout.at(place.x, place.y), &pairs)
         };
         let mut errors: Vec<f64> = (0..sampled.texels()).map(of).collect();
         errors.sort_by(f64::total_cmp);

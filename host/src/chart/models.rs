@@ -5,9 +5,9 @@ use glam::{Vec2, Vec3};
 use super::{Section, Table};
 use crate::error::Result;
 use crate::fit::extensions::{Extensions, Microfacets};
-use crate::fit::random::Random;
 use crate::fit::{self, FitOptions};
 use crate::progress;
+use crate::random::Random;
 use crate::reflectance::{Brdf, Lobe, LobeBrdf, Microfacet, Rgb, SbrdfMap};
 use crate::synth::{self, Options};
 
@@ -95,7 +95,7 @@ fn errors(side: usize, seed: u64, done: impl Fn()) -> Result<Vec<([f64; MODELS.l
                 ..FitOptions::default()
             };
             let map = fit::fit_sbrdf(&sampled, &options)?;
-            let sorted = super::fit::errors(&map, &truth, seed);
+            let sorted = super::unposed::errors(&map, &truth, seed);
             *error = sorted[sorted.len() / 2];
             let found = (0..truth.len()).filter(|&texel| is_found(&map, texel, kind)).count();
             right = found as f64 / truth.len() as f64;

@@ -5,9 +5,9 @@ use std::time::Instant;
 use super::{Axis, Chart, Plot, Section, Series, Table};
 use crate::error::Result;
 use crate::fit::pool::{self, PoolOptions, RhoD, regions::Regions};
-use crate::fit::random::Random;
 use crate::fit::{self, FitOptions};
 use crate::progress;
+use crate::random::Random;
 use crate::reflectance::{Brdf, LobeBrdf, SbrdfMap};
 use crate::sampled::{PoseGeometry, SampledSbrdf};
 use crate::synth::{self, Options};
@@ -182,7 +182,7 @@ fn measured(case: &Case, side: usize, poses: usize, seed: u64) -> Result<Found> 
         let start = Instant::now();
         let map = fit()?;
         found.time_s[place] = start.elapsed().as_secs_f64();
-        let errors = super::fit::errors(&map, &truth, seed);
+        let errors = super::unposed::errors(&map, &truth, seed);
         found.error[place] = errors[errors.len() / 2];
     }
     Ok(found)

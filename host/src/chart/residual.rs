@@ -2,9 +2,9 @@
 
 use super::{Section, Table};
 use crate::error::Result;
-use crate::fit::random::Random;
 use crate::fit::{self, FitOptions, Method, Residual};
 use crate::progress;
+use crate::random::Random;
 use crate::reflectance::{Brdf, LobeBrdf, Microfacet, Rgb, SbrdfMap};
 use crate::synth::{self, Options};
 
@@ -85,7 +85,7 @@ fn errors(side: usize, lobes: usize, seed: u64, done: impl Fn()) -> Result<[[f64
 
 /// RMS over unposed directions and channels of the difference in a residual's measure.
 fn error(map: &SbrdfMap, index: usize, truth: &LobeBrdf, measure: Residual, seed: u64) -> f64 {
-    let pairs = super::fit::unposed(seed);
+    let pairs = super::unposed::pairs(seed);
     let mut sum = 0.0;
     for &(wi, wo) in &pairs {
         let (fitted, f) = (map.eval(index, wi, wo).to_array(), truth.eval(wi, wo).to_array());

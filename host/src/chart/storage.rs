@@ -10,7 +10,7 @@ use glam::{Affine3A, Quat, Vec2, Vec3};
 use super::{Axis, Chart, Picture, Plot, Section, Series, Table};
 use crate::edit::pairs::Pairs;
 use crate::error::Result;
-use crate::fit::random::Random;
+use crate::random::Random;
 use crate::reflectance::{Brdf, Lobe, LobeBrdf, Rgb, SbrdfMap, materials};
 use crate::render::compare::compare;
 use crate::render::lights::{self, Filtering, cpu};
@@ -256,7 +256,7 @@ fn pictures() -> Result<Section> {
 
 #[cfg(test)]
 mod tests {
-    use super::super::table::number;
+    use super::super::number;
     use super::*;
     use exr::prelude::f16;
 

@@ -6,17 +6,19 @@ use std::time::Duration;
 use clap::Args;
 
 use super::Context;
+use crate::acquire::WatchedFolder;
 use crate::acquire::journal;
-use crate::acquire::station::{self, Camera, Station, WatchedFolder};
+use crate::acquire::station::Station;
 use crate::acquire::{self, RunFolder};
 use crate::error::{Error, Result};
 use crate::files;
+use crate::interrupt;
 use crate::plan::{Plan, lamp};
 use crate::rig::config::RigConfig;
 use crate::rig::trace::Recorder;
 use crate::rig::{RigClient, open_port};
 use crate::warning::samples::{self, Step};
-use crate::warning::{Kind, Warning, directions};
+use crate::warning::{self, Kind, Warning};
 
 /// Arguments of `lobelia acquire`.
 #[derive(Debug, Args)]
@@ -77,8 +79,8 @@ pub(super) fn run(args: &AcquireArgs, context: &mut Context) -> Result<()> {
     if let Some(path) = &args.record {
         station.client.record(Recorder::create(path)?);
     }
-    context.warn(directions::of_plan(&run.rig, &run.plan));
-    station::catch_interrupts();
+    context.warn(warning::of_plan(&run.rig, &run.plan));
+    interrupt::catch_interrupts();
     let acquired = context.report.stage("acquire", || acquire::run(&run, &mut journal, &mut station))?;
     context.report.figure("poses", acquired.poses);
     context.report.figure("controller_s", acquired.controller_s);
@@ -124,7 +126,7 @@ fn connect(args: &AcquireArgs, material: Option<&Path>, rig: &RigConfig) -> Resu
             let timeout = Duration::try_from_secs_f64(args.camera_timeout_s)
                 .map_err(|error| Error::input(format!("--camera-timeout-s: {error}")))?;
             let folder = WatchedFolder::new(Path::new(folder), timeout)?;
-            Ok(Station::new(RigClient::connect(open_port(port)?)?, Camera::Watch(Box::new(folder))))
+            Ok(Station::new(RigClient::connect(open_port(port)?)?, Box::new(folder)))
         }
     }
 }

@@ -8,8 +8,8 @@ use super::Context;
 use crate::by_angle::Side;
 use crate::compare::{self, Comparison};
 use crate::error::{Error, Result};
+use crate::figures::ErrorFigure;
 use crate::files;
-use crate::fit::figures::ErrorFigure;
 use crate::reflectance::SbrdfMap;
 
 /// Renders poses of a run from the fitted map with the rig's own camera and light, and shows photograph, rendering and

@@ -63,7 +63,7 @@ pub(super) fn run(args: &DemoArgs, context: &mut Context) -> Result<()> {
         seed,
         &mut context.report,
     )?;
-    context.report.finish();
+    context.report.finish(crate::sampled::geometry_sha256);
     let page = args.out.join("report.html");
     page::write(&outcome, &context.report, &pictures, &page)?;
     context.report.write(&args.out.join("report.json"))?;

@@ -8,9 +8,9 @@ use super::Context;
 use crate::edit::picture::{Mask, Photo};
 use crate::edit::{self, cluster, composite, diffuse, palette, photo, tile};
 use crate::error::{Error, Result};
+use crate::figures::ErrorFigure;
 use crate::files;
 use crate::fit::MOST_LOBES;
-use crate::fit::figures::ErrorFigure;
 use crate::reflectance::SbrdfMap;
 
 /// Arguments of `lobelia edit`.

@@ -14,14 +14,15 @@ use clap::{Args, ValueEnum};
 use rayon::prelude::*;
 
 use crate::error::{Error, Result};
+use crate::figures::ErrorFigure;
 use crate::files;
 use crate::fit::chunks::{self, Part};
 use crate::fit::extensions::{Extensions, Microfacets};
-use crate::fit::figures::ErrorFigure;
 use crate::fit::held_out::{HeldOut, Which, left_out};
 use crate::fit::pool::{MOST_SAMPLES, RhoD};
 use crate::fit::weights::Weights;
-use crate::fit::{AlbedoBound, Device, Diffuse, FitOptions, MOST_LOBES, Method, Residual, gpu, mip};
+use crate::fit::{AlbedoBound, Device, Diffuse, FitOptions, MOST_LOBES, Method, Residual, gpu};
+use crate::mip;
 use crate::provenance::Texts;
 use crate::reflectance::{SbrdfMap, albedo};
 use crate::report::Report;

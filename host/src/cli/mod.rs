@@ -256,7 +256,7 @@ fn run(cli: Cli) -> Result<()> {
     };
     if let Some(path) = report {
         context.report.failure = outcome.as_ref().err().map(ToString::to_string);
-        context.report.finish();
+        context.report.finish(crate::sampled::geometry_sha256);
         let written = context.report.write(&path);
         return outcome.and(written);
     }

@@ -11,7 +11,7 @@ use crate::plan::{self, Extent, Plan, lamp, order};
 use crate::progress::duration;
 use crate::rig::config::RigConfig;
 use crate::warning::samples::{self, Step};
-use crate::warning::{Kind, Warning, directions, predicted};
+use crate::warning::{self, Kind, Warning, predicted};
 
 /// Arguments of `lobelia plan`.
 #[derive(Debug, Args)]
@@ -83,7 +83,7 @@ fn warn(rig: &RigConfig, plan: &Plan, context: &mut Context) {
     let counts = predicted::samples(rig, plan);
     context.report.figure(samples::BY_POSE, samples::by_pose(&counts));
     context.warn(samples::warnings(Step::Plan, &counts));
-    context.warn(directions::of_plan(rig, plan));
+    context.warn(warning::of_plan(rig, plan));
     context.report.figure("lamp_s", lamp::burning_s(rig, &plan.poses));
     let too_long = lamp::too_long(rig, &plan.poses);
     context.warn(too_long.map(|why| Warning::new(Kind::LampTime, format!("{why}; {}", lamp::PLAN_LESS))));

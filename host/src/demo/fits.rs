@@ -7,7 +7,7 @@ use super::truth::{self, Judge};
 use crate::by_angle::{ByAngle, Cone, PERCENTILES};
 use crate::chart::compared::{COMPARED, Compared};
 use crate::error::Result;
-use crate::fit::figures::ErrorFigure;
+use crate::figures::ErrorFigure;
 use crate::fit::{self, FitOptions};
 use crate::page::scale::quantile;
 use crate::reflectance::SbrdfMap;

@@ -7,7 +7,7 @@ use rayon::prelude::*;
 use crate::by_angle::{self, ByAngle, Cone, Probes};
 use crate::develop::camera;
 use crate::develop::registration::Registration;
-use crate::plan::choose::{MAX_THETA_I_DEG, MAX_THETA_O_DEG};
+use crate::distance::{MAX_THETA_I_DEG, MAX_THETA_O_DEG};
 use crate::reflectance::{Brdf, Rgb, SbrdfMap};
 use crate::rig::config::RigConfig;
 use crate::sampled::{SampledSbrdf, Window};

@@ -39,7 +39,7 @@ fn truth(n: f64) -> LobeBrdf {
 }
 
 /// What a method makes of the repeats.
-struct Outcome {
+struct Repeats {
     /// Variance over the bound: of ρ_d (red), n, Cz/Cx.
     over_bound: [f64; 3],
     /// Texels whose exponent is an outlier by its own stated uncertainty; none where the method states none.
@@ -114,7 +114,7 @@ pub(super) fn section(seed: u64, aimed: bool) -> Result<Section> {
 }
 
 /// A row of the table.
-fn row(method: Method, n: f64, noise: f64, share: f64, outcome: &Outcome) -> [Cell; 10] {
+fn row(method: Method, n: f64, noise: f64, share: f64, outcome: &Repeats) -> [Cell; 10] {
     let verdict = match outcome.outliers {
         Some(count) if count > 0 => "no",
         None if share > TELLING => "untold, not stated",
@@ -193,7 +193,7 @@ pub(super) fn bound(sampled: &SampledSbrdf, truth: &LobeBrdf, noise: f64) -> Res
 }
 
 /// Fits the repeats and compares.
-fn judge(sampled: &SampledSbrdf, method: Method, n: f64, bound: &[f64; UNKNOWNS]) -> Result<Outcome> {
+fn judge(sampled: &SampledSbrdf, method: Method, n: f64, bound: &[f64; UNKNOWNS]) -> Result<Repeats> {
     let options =
         FitOptions { method, residual: Residual::Linear, bound: AlbedoBound::Free, ..FitOptions::default() };
     let map = fit::fit_sbrdf(sampled, &options)?;
@@ -202,7 +202,7 @@ fn judge(sampled: &SampledSbrdf, method: Method, n: f64, bound: &[f64; UNKNOWNS]
     let rho_d: Vec<f64> = map.rho_d.iter().map(|rgb| f64::from(rgb.x)).collect();
     let ratios: Vec<f64> = lobe.c.iter().map(|c| -f64::from(c.z) / f64::from(c.x)).collect();
     let true_ratio = f64::from(truth(n).lobes[0].c.z);
-    Ok(Outcome {
+    Ok(Repeats {
         over_bound: [
             mean_square(&rho_d, f64::from(truth(n).rho_d.x)) / bound[0],
             mean_square(&exponents, n) / bound[EXPONENT],

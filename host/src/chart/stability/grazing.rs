@@ -3,13 +3,13 @@
 use glam::{DVec3, Vec3};
 
 use super::{percent, quantile, sampled};
-use crate::chart::fit::relative_error;
+use crate::chart::unposed::relative_error;
 use crate::chart::{Axis, Cell, Plot, Section, Series, Table};
+use crate::distance::{MAX_THETA_I_DEG, MAX_THETA_O_DEG};
 use crate::error::Result;
-use crate::fit::random::Random;
 use crate::fit::{self, AlbedoBound, FitOptions};
-use crate::plan::choose::{MAX_THETA_I_DEG, MAX_THETA_O_DEG};
 use crate::progress;
+use crate::random::Random;
 use crate::reflectance::{Brdf, Lobe, LobeBrdf, Microfacet, Rgb, albedo};
 use crate::sampled::{PoseGeometry, SampledSbrdf};
 use crate::synth::{self, DISTANCE_MM};

@@ -15,7 +15,7 @@ use rayon::prelude::*;
 
 use super::{Cell, Chart};
 use crate::error::Result;
-use crate::fit::random::Random;
+use crate::random::Random;
 use crate::reflectance::{Brdf, Lobe, LobeBrdf, Rgb, SbrdfMap, albedo};
 use crate::sampled::{PoseGeometry, SampledSbrdf};
 use crate::synth::{self, Options};

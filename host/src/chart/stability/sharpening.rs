@@ -6,9 +6,9 @@ use super::{percent, quantile};
 use crate::chart::{Section, Table};
 use crate::error::Result;
 use crate::fit::extensions::{Extensions, Microfacets};
-use crate::fit::random::Random;
 use crate::fit::{self, FitOptions};
 use crate::progress;
+use crate::random::Random;
 use crate::reflectance::{Brdf, Lobe, LobeBrdf, Microfacet, Rgb, SbrdfMap};
 use crate::sampled::SampledSbrdf;
 use crate::synth::{self, Options};
@@ -156,7 +156,7 @@ fn judged(kind: Kind, side: usize, seed: u64, done: impl Fn()) -> Result<Vec<Lef
         let options = FitOptions { lobes, choose, extensions, ..FitOptions::default() };
         let map = fit::fit_sbrdf(&sampled, &options)?;
         let squares: Vec<f64> = (0..truth.len()).map(|texel| chi_square(&sampled, &map, texel)).collect();
-        let errors = crate::chart::fit::errors(&map, &truth, seed);
+        let errors = crate::chart::unposed::errors(&map, &truth, seed);
         let tied = map.extra.get("tied").map_or(0.0, |plane| percent(plane.iter().map(|&tied| tied > 0.0)));
         done();
         Ok(Left {

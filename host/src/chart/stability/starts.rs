@@ -10,11 +10,11 @@ use crate::chart::{Axis, Plot, Section, Series, Table};
 use crate::error::Result;
 use crate::fit::lm::{Freedom, Limits, Optimiser};
 use crate::fit::model::{Model, isotropic_c};
-use crate::fit::random::Random;
 use crate::fit::samples::{Samples, Target};
 use crate::fit::start::{Effort, Problem, Search};
 use crate::fit::{self, AlbedoBound, FitOptions, MOST_LOBES, Residual};
 use crate::progress;
+use crate::random::Random;
 use crate::reflectance::{Brdf, LobeBrdf, Rgb, colour};
 use crate::synth;
 
@@ -166,7 +166,7 @@ fn judged(
     let published = start(&published_shapes(lobes, &mut random)).1.cost;
     let search = Search::default().best(&mut optimiser, &problem, lobes, Effort::TEXEL).1.cost;
     let best = fits.iter().map(|fit| fit.1).fold(published.min(search).min(separable), f64::min);
-    let pairs = crate::chart::fit::unposed(seed);
+    let pairs = crate::chart::unposed::pairs(seed);
     let error = |model: &Model| {
         let amplitudes: Vec<Rgb> = model.lobes.iter().map(|lobe| Rgb::splat(lobe.amplitude as f32)).collect();
         error(&model.to_brdf(Rgb::splat(model.diffuse as f32), &amplitudes), truth, &pairs)

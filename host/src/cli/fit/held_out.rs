@@ -2,7 +2,7 @@
 
 use super::{FitArgs, FitOutcome};
 use crate::error::Result;
-use crate::fit::figures::ErrorFigure;
+use crate::figures::ErrorFigure;
 use crate::fit::held_out::{HeldOut, HeldOutError};
 use crate::reflectance::SbrdfMap;
 use crate::sampled::SampledStore;

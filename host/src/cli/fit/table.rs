@@ -8,7 +8,7 @@ use super::{
     AUTO_LOBES, DeviceName, FitArgs, FitOutcome, Lobes, MethodName, ModelName, WeightsName, print, write_map,
 };
 use crate::error::{Error, Result};
-use crate::fit::figures::ErrorFigure;
+use crate::figures::ErrorFigure;
 use crate::fit::table::{self, Size, TableOptions, Take, WavelengthFit, judge};
 use crate::fit::{Method, Residual};
 use crate::reflectance::{MeasuredTable, Rgb, SbrdfMap};

@@ -9,7 +9,7 @@ use crate::cli::Context;
 use crate::error::{Error, Result};
 use crate::progress;
 use crate::rig::conformance::bring_up::{self, Act, Operator};
-use crate::rig::conformance::{self, Outcome};
+use crate::rig::conformance::{self, Finding};
 use crate::rig::{replay, trace};
 
 /// Arguments of `lobelia rig conformance`.
@@ -64,14 +64,14 @@ pub(super) fn conformance(args: &ConformanceArgs, context: &mut Context) -> Resu
     let port = args.connection.open(&config)?;
     let checks = context.report.stage("conformance", || {
         conformance::run(port, &configuration, !args.no_lamp, |check| match &check.outcome {
-            Outcome::Pass => println!("pass  {}", check.name),
-            Outcome::Fail(why) => println!("FAIL  {}: {why}", check.name),
-            Outcome::Skipped(why) => println!("skip  {}: {why}", check.name),
+            Finding::Pass => println!("pass  {}", check.name),
+            Finding::Fail(why) => println!("FAIL  {}: {why}", check.name),
+            Finding::Skipped(why) => println!("skip  {}: {why}", check.name),
         })
     })?;
-    let of = |wanted: fn(&Outcome) -> bool| checks.iter().filter(|check| wanted(&check.outcome)).count();
-    let passed = of(|outcome| *outcome == Outcome::Pass);
-    let failed = of(|outcome| matches!(outcome, Outcome::Fail(_)));
+    let of = |wanted: fn(&Finding) -> bool| checks.iter().filter(|check| wanted(&check.outcome)).count();
+    let passed = of(|outcome| *outcome == Finding::Pass);
+    let failed = of(|outcome| matches!(outcome, Finding::Fail(_)));
     context.report.figure("passed", passed);
     context.report.figure("failed", failed);
     println!("{passed} passed, {failed} failed, {} left out", checks.len() - passed - failed);

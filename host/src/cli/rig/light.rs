@@ -5,9 +5,9 @@ use std::time::Duration;
 use clap::{Args, ValueEnum};
 
 use super::{Session, drive};
-use crate::acquire::station;
 use crate::cli::Context;
 use crate::error::{Error, Result};
+use crate::interrupt;
 use crate::progress;
 use crate::rig::config::check::exposures_s;
 
@@ -85,13 +85,13 @@ pub(super) fn lamp(args: &LampArgs, context: &mut Context) -> Result<()> {
     if args.hold {
         context.note("Ctrl-C switches it off");
         let mut held = Ok(());
-        while held.is_ok() && !station::interrupted() {
+        while held.is_ok() && !interrupt::interrupted() {
             held = client.pause(HOLD);
             args.session.connection.keep_pace(HOLD);
         }
         // However it ends, and even if the answer to what was asked last is lost.
         client.uninterrupted(|client| client.lamp(false, 0.0))?;
-        if !station::interrupted() {
+        if !interrupt::interrupted() {
             held?;
         }
     } else if config.lamp.lease_s > 0.0 {

@@ -8,9 +8,9 @@ use clap::Args;
 use lobelia_protocol::{Axis, AxisParameters, Configuration, DriverParameters, Settings};
 
 use super::{Connection, Session};
-use crate::acquire::station;
 use crate::cli::Context;
 use crate::error::{Error, Result};
+use crate::interrupt;
 use crate::rig::config::RigConfig;
 use crate::rig::{RigClient, monitor, status};
 
@@ -85,7 +85,7 @@ pub(super) fn status(args: &StatusArgs, context: &mut Context) -> Result<()> {
         print!("{text}");
         let _ = std::io::stdout().flush();
         lines = text.lines().count();
-        if !args.watch || station::interrupted() || now.uptime_us >= end_us {
+        if !args.watch || interrupt::interrupted() || now.uptime_us >= end_us {
             context.report.figure("uptime_s", now.uptime_us as f64 / 1e6);
             context.report.figure("homed", now.known.iter().all(|&known| known));
             context.report.figure("faults", now.faults.iter().count());
@@ -110,7 +110,7 @@ pub(super) fn monitor(args: &MonitorArgs, context: &mut Context) -> Result<()> {
     let mut before = client.status()?;
     let mut events = 0_u64;
     println!("{}", monitor::line(before.uptime_us, "connected"));
-    while before.uptime_us < end_us && !station::interrupted() {
+    while before.uptime_us < end_us && !interrupt::interrupted() {
         while let Some(event) = client.listen(LOOK)? {
             println!("{}", monitor::event(&event, before.uptime_us, before.known, &config));
             events += 1;

@@ -7,8 +7,8 @@ use clap::{Args, Subcommand};
 use lobelia_protocol::AXES;
 
 use super::Context;
-use crate::acquire::station;
 use crate::error::{Error, Result};
+use crate::interrupt;
 use crate::rig::config::RigConfig;
 use crate::rig::trace::Recorder;
 use crate::rig::{Port, RigClient, open_port};
@@ -75,7 +75,7 @@ struct Session {
 
 /// Runs `lobelia rig`.
 pub(super) fn run(args: &RigArgs, context: &mut Context) -> Result<()> {
-    station::catch_interrupts();
+    interrupt::catch_interrupts();
     match &args.command {
         RigCommand::Status(args) => look::status(args, context),
         RigCommand::Home(args) => drive::home(args, context),
@@ -118,7 +118,7 @@ impl Connection {
 #[cfg(feature = "sim")]
 fn simulated(config: &RigConfig) -> Result<Box<dyn Port>> {
     let mechanics = crate::acquire::simulated::mechanics(config);
-    Ok(Box::new(lobelia_hil_sim::SimulatedRig::new(&mechanics).link()))
+    Ok(crate::acquire::simulated::port(&lobelia_hil_sim::SimulatedRig::new(&mechanics)))
 }
 
 #[cfg(not(feature = "sim"))]
@@ -131,7 +131,7 @@ impl Session {
     fn connect(&self, context: &mut Context) -> Result<(RigConfig, RigClient)> {
         let config = rig_config(self.connection.rig.as_deref(), context)?;
         let mut client = RigClient::connect(self.connection.open(&config)?)?;
-        client.set_interrupt(station::interrupted);
+        client.set_interrupt(interrupt::interrupted);
         if let Some(path) = &self.record {
             let recorder = Recorder::create(path)?;
             client.record(if self.record_steps { recorder.with_steps() } else { recorder });
@@ -161,7 +161,7 @@ impl Session {
 
 /// Fails once the user has pressed Ctrl-C.
 fn check_interrupt() -> Result<()> {
-    if station::interrupted() { Err(Error::failure("interrupted")) } else { Ok(()) }
+    if interrupt::interrupted() { Err(Error::failure("interrupted")) } else { Ok(()) }
 }
 
 #[cfg(all(test, feature = "sim"))]

@@ -5,7 +5,7 @@ use crate::by_angle::{PERCENTILES, Side};
 use crate::chart::{Cell, Table};
 use crate::demo::fits::{FitOutcome, lobes_title};
 use crate::demo::{DemoOutcome, truth};
-use crate::fit::figures::ErrorFigure;
+use crate::figures::ErrorFigure;
 use crate::page::scale::{Histogram, Scale, quantile};
 use crate::page::{html, numbers};
 use crate::report::Report;

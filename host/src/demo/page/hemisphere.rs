@@ -6,12 +6,12 @@ use glam::Vec3;
 use rayon::prelude::*;
 
 use super::pick::{self, Chosen};
+use crate::distance::MAX_THETA_O_DEG;
+use crate::distance::{DirectionPair, distance};
 use crate::error::Result;
 use crate::page::colour_map::ColourMap;
 use crate::page::html::{self, Raster};
 use crate::page::scale::{Scale, quantile};
-use crate::plan::choose::MAX_THETA_O_DEG;
-use crate::plan::distance::{DirectionPair, distance};
 use crate::reflectance::{Brdf, SbrdfMap, colour};
 use crate::sampled::SampledSbrdf;
 

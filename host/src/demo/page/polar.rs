@@ -5,9 +5,9 @@ use std::f64::consts::FRAC_PI_2;
 use glam::Vec3;
 
 use super::pick::{self, Chosen};
+use crate::distance::{DirectionPair, distance};
 use crate::page::numbers;
 use crate::page::scale::Scale;
-use crate::plan::distance::{DirectionPair, distance};
 use crate::reflectance::{Brdf, SbrdfMap, colour};
 use crate::sampled::SampledSbrdf;
 

@@ -9,7 +9,7 @@ use crate::chart::compared::{COMPARED, Compared};
 use crate::demo::fits::Fits;
 use crate::demo::{Settings, Size, sample};
 use crate::develop;
-use crate::fit::figures::ErrorFigure;
+use crate::figures::ErrorFigure;
 use crate::plan::{self, Extent};
 
 /// A demo of few texels and poses, and its page with one rendered picture.

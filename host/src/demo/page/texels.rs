@@ -7,9 +7,9 @@ use super::pick::Chosen;
 use super::{hemisphere, pick, polar};
 use crate::demo::DemoOutcome;
 use crate::demo::fits::FitOutcome;
+use crate::distance::MAX_THETA_O_DEG;
 use crate::error::Result;
 use crate::page::{html, numbers};
-use crate::plan::choose::MAX_THETA_O_DEG;
 use crate::reflectance::{Lobe, LobeBrdf, Rgb};
 
 /// The section.

@@ -1,0 +1,92 @@
+//! Files that are there whole or not at all, see [`durable`]; outputs that are tried before the work.
+
+use std::io::Write;
+use std::path::Path;
+
+use crate::durable;
+use crate::error::{Error, Result};
+
+/// Writes a file through `fill`, and the folders that it lacks; a process killed at any moment leaves the old file or the new one.
+///
+/// # Errors
+/// When the folder or the disk refuses.
+pub fn write_atomically(path: &Path, fill: impl FnOnce(&mut dyn Write) -> std::io::Result<()>) -> Result<()> {
+    durable::write(path, fill).map_err(|error| Error::writing(path, error))
+}
+
+/// Writes bytes atomically, see [`write_atomically`].
+///
+/// # Errors
+/// As [`write_atomically`].
+pub fn write_bytes(path: &Path, bytes: &[u8]) -> Result<()> {
+    write_atomically(path, |writer| writer.write_all(bytes))
+}
+
+/// Tries whether a file can be written at `path`, before the work whose result it shall hold; leaves nothing behind.
+///
+/// # Errors
+/// An input error for a name that a folder has, and a failure where folder or disk refuse.
+pub fn try_file(path: &Path) -> Result<()> {
+    if path.is_dir() {
+        return Err(Error::input(format!("{}: a folder, so no file can be written there", path.display())));
+    }
+    durable::try_writing(path).map_err(|error| Error::writing(path, error))
+}
+
+/// Tries whether files can be written into the folder `path`, which may be missing; leaves nothing behind.
+///
+/// # Errors
+/// As [`try_file`], for a name that a file has.
+pub fn try_folder(path: &Path) -> Result<()> {
+    if path.exists() && !path.is_dir() {
+        return Err(Error::input(format!(
+            "{}: no folder, so no files can be written into it",
+            path.display()
+        )));
+    }
+    durable::try_writing(&path.join("file")).map_err(|error| Error::writing(path, error))
+}
+
+/// What a file's name ends in, in small letters whatever the name has; empty without a point.
+pub fn ending(path: &Path) -> String {
+    path.extension().unwrap_or_default().to_string_lossy().to_lowercase()
+}
+
+/// Creates a folder and its parents, there to stay.
+///
+/// # Errors
+/// When the folder cannot be made.
+pub fn create_folder(path: &Path) -> Result<()> {
+    let create = || -> std::io::Result<()> {
+        std::fs::create_dir_all(path)?;
+        durable::sync_folder(durable::folder_of(path))
+    };
+    create().map_err(|error| Error::writing(path, error))
+}
+
+/// Reads a whole text file.
+///
+/// # Errors
+/// Input errors for a missing or non-UTF-8 file.
+pub fn read_text(path: &Path) -> Result<String> {
+    std::fs::read_to_string(path).map_err(|error| Error::reading(path, error))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_output_that_cannot_be_is_told_before_the_work_by_its_name() {
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("file.txt");
+        write_bytes(&file, b"here").unwrap();
+        assert_eq!(try_file(folder.path()).unwrap_err().exit_code(), 2);
+        assert_eq!(try_folder(&file).unwrap_err().exit_code(), 2);
+        let below = try_file(&file.join("out.exr")).unwrap_err();
+        assert!(below.exit_code() == 1 && below.to_string().contains("file.txt"), "{below}");
+        try_file(&file).unwrap();
+        try_folder(&folder.path().join("new/folder")).unwrap();
+        assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1);
+    }
+}

@@ -1,0 +1,560 @@
+//! Fits one measured table, wavelength by wavelength with lobes of its own each, and says how well it predicts held-out rows.
+//!
+//! Tables of paint are isotropic: Cx = Cy and β = 0. Beside lobes a microfacet term can be fitted, and the data can choose (module `choice`).
+
+mod choice;
+pub mod judge;
+mod thin;
+pub mod uncertainty;
+
+use rayon::prelude::*;
+
+use super::lm::{Descent, Freedom, Optimiser};
+use super::model::Model;
+use super::samples::{Samples, Target};
+use super::start::{Effort, Problem, Search};
+use super::{AlbedoBound, Method, PERCENTILE, Residual, conserve, diffuse, evaluate, line_search};
+use lobelia_base::error::{Error, Result};
+use lobelia_base::figures::ErrorFigure;
+use lobelia_base::progress;
+use lobelia_base::random::Random;
+use lobelia_reflectance::{LobeBrdf, MeasuredTable, Microfacet, Rgb};
+
+/// Rows whose incidence is this near a held-out angle are left out, degrees.
+pub const HOLD_OUT_WIDTH_DEG: f64 = 0.5;
+
+/// What a fit of a table may change.
+const FREEDOM: Freedom = Freedom { isotropic: true, diffuse: true };
+
+/// A model's size.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Size {
+    /// Lobes; black ones stay in the model.
+    pub lobes: usize,
+    /// Whether the lobes sharpen toward grazing (6.19).
+    pub sharpening: bool,
+    /// Whether there is a microfacet term.
+    pub microfacet: bool,
+}
+
+impl std::fmt::Display for Size {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let [sharpening, coat] = [(self.sharpening, " sharpening"), (self.microfacet, " + GGX")]
+            .map(|(is, text)| if is { text } else { "" });
+        write!(f, "{}{sharpening}{coat}", self.lobes)
+    }
+}
+
+/// How a table is fitted.
+#[derive(Debug, Clone, PartialEq)]
+pub struct TableOptions {
+    /// Method; the line search fits one lobe.
+    pub method: Method,
+    /// Scale of comparison.
+    pub residual: Residual,
+    /// Incidences that the fit does not see, degrees.
+    pub hold_out_theta_deg: Vec<f64>,
+    /// Random starts to compare the deterministic search with; 0 for none.
+    pub random_starts: usize,
+    /// Seed of the random starts.
+    pub seed: u64,
+    /// What directional albedos are held to.
+    pub bound: AlbedoBound,
+}
+
+/// Errors over some rows.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Errors {
+    /// See [`evaluate::log_rms`].
+    pub log_rms: f64,
+    /// See [`evaluate::relative_l2`].
+    pub relative_l2: f64,
+    /// Rows.
+    pub rows: usize,
+}
+
+/// The fit of one wavelength.
+#[derive(Debug, Clone, PartialEq)]
+pub struct WavelengthFit {
+    /// Wavelength, nm.
+    pub wavelength_nm: f64,
+    /// The model's size.
+    pub size: Size,
+    /// Whether it is the one to take for this wavelength: the one asked for, or the choice of the data.
+    pub chosen: bool,
+    /// The lobes.
+    pub model: Model,
+    /// Cost and convergence.
+    pub outcome: Descent,
+    /// Standard deviations of the coefficients; none where the model is no optimum: found by the line search or changed for the sake of energy.
+    pub deviations: Option<uncertainty::Deviations>,
+    /// Over the rows that the fit saw.
+    pub training: Errors,
+    /// The same before the fit was changed for the sake of energy, where it was.
+    pub free: Option<Errors>,
+    /// Over the rows that it did not.
+    pub held_out: Option<Errors>,
+    /// Cost over the best cost of the random starts.
+    pub start_ratio: Option<f64>,
+    /// Where the rows were too many to search with all of them.
+    pub thinned: Option<Thinned>,
+    /// Squared errors of the incidences, each predicted without it; empty where there is no choice.
+    left_out: Vec<f64>,
+}
+
+/// A search with some of the rows.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Thinned {
+    /// Rows that were searched with.
+    pub rows: usize,
+    /// By what share the cost of what they led to was above that of the fit that all rows then made of it.
+    pub loss: f64,
+}
+
+/// The rows of a table that a fit sees and those that it does not.
+struct Split {
+    training: Samples,
+    held_out: Samples,
+    /// Incidences of the training rows, degrees.
+    theta_deg: Vec<f64>,
+}
+
+fn split(table: &MeasuredTable, values: &[f64], hold_out_theta_deg: &[f64]) -> Split {
+    let mut split = Split { training: Samples::default(), held_out: Samples::default(), theta_deg: vec![] };
+    for (row, &value) in table.rows.iter().zip(values) {
+        let theta = row.theta_i.to_degrees();
+        let held = hold_out_theta_deg.iter().any(|held| (held - theta).abs() <= HOLD_OUT_WIDTH_DEG);
+        let side = if held { &mut split.held_out } else { &mut split.training };
+        side.push_value(row.wi(), row.wo(), value, 1.0);
+        if split.training.len() > split.theta_deg.len() {
+            split.theta_deg.push(theta);
+        }
+    }
+    split
+}
+
+fn errors(samples: &Samples, model: &Model) -> Errors {
+    let triples =
+        || (0..samples.len()).map(|k| (model.value(samples, k), samples.value[k], samples.cos_o[k]));
+    Errors {
+        log_rms: evaluate::log_rms(triples()),
+        relative_l2: evaluate::relative_l2(triples()),
+        rows: samples.len(),
+    }
+}
+
+/// Which of the sizes is to be taken.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Take {
+    /// This one.
+    Size(Size),
+    /// For every wavelength the one that predicts left-out incidences best.
+    Choose,
+}
+
+/// Fits a table at every wavelength with every size, in parallel; sorted by wavelength as given, then by size as given.
+///
+/// # Errors
+/// Input errors: a wavelength outside the table, nothing left to fit or nothing held out at an angle that was asked for.
+pub fn fit(
+    table: &MeasuredTable,
+    wavelengths_nm: &[f64],
+    sizes: &[Size],
+    take: Take,
+    options: &TableOptions,
+) -> Result<Vec<WavelengthFit>> {
+    check(table, sizes, options)?;
+    let mut cases = Vec::new();
+    for &wavelength_nm in wavelengths_nm {
+        let values = table.at_wavelength(wavelength_nm).map_err(|error| Error::input(error.to_string()))?;
+        cases.extend(sizes.iter().map(|&size| (wavelength_nm, values.clone(), size)));
+    }
+    let bar = progress::bar("fitting", cases.len() as u64, "fits");
+    let mut fits: Vec<WavelengthFit> = cases
+        .into_par_iter()
+        .with_max_len(1)
+        .map(|(wavelength_nm, values, size)| {
+            let mut fit = one(table, wavelength_nm, &values, size, options, take == Take::Choose);
+            fit.chosen = take == Take::Size(size);
+            bar.advance(1);
+            fit
+        })
+        .collect();
+    if take == Take::Choose {
+        for fits in fits.chunks_mut(sizes.len().max(1)) {
+            let place = choice::chosen(&fits.iter().collect::<Vec<_>>());
+            fits[place].chosen = true;
+        }
+    }
+    Ok(fits)
+}
+
+fn check(table: &MeasuredTable, sizes: &[Size], options: &TableOptions) -> Result<()> {
+    for size in sizes {
+        super::FitOptions { lobes: size.lobes, method: options.method, ..Default::default() }.check()?;
+        if size.microfacet && options.method.line_search().is_some() {
+            return Err(Error::input("the line search fits no microfacet term; use --method lm"));
+        }
+        if size.sharpening && options.method.line_search().is_some() {
+            return Err(Error::input("the line search fits no lobes that sharpen; use --method lm"));
+        }
+    }
+    let near = |row: &lobelia_reflectance::table::TableRow, held: f64| {
+        (row.theta_i.to_degrees() - held).abs() <= HOLD_OUT_WIDTH_DEG
+    };
+    for &held in &options.hold_out_theta_deg {
+        if !table.rows.iter().any(|row| near(row, held)) {
+            return Err(Error::input(format!(
+                "no row of the table has an incidence within {HOLD_OUT_WIDTH_DEG}° of the held-out {held}°"
+            )));
+        }
+    }
+    if table.rows.iter().all(|row| options.hold_out_theta_deg.iter().any(|&held| near(row, held))) {
+        return Err(Error::input("every row of the table is held out; nothing is left to fit"));
+    }
+    Ok(())
+}
+
+fn one(
+    table: &MeasuredTable,
+    wavelength_nm: f64,
+    values: &[f64],
+    size: Size,
+    options: &TableOptions,
+    judged: bool,
+) -> WavelengthFit {
+    let Size { lobes, sharpening, microfacet } = size;
+    let Split { training, held_out, theta_deg } = split(table, values, &options.hold_out_theta_deg);
+    let mut whole = Target::default();
+    whole.set(&training, training.value.iter().copied(), options.residual);
+    // The search and the choice see no more rows than they need; in the end the fit sees all.
+    let thin = thin::rows(&training);
+    let (part, part_theta_deg) = match &thin {
+        Some(rows) => (training.part(rows), rows.iter().map(|&(k, _)| theta_deg[k]).collect()),
+        None => (training.clone(), theta_deg),
+    };
+    let mut target = Target::default();
+    target.set(&part, part.value.iter().copied(), options.residual);
+    let mut optimiser = Optimiser::default();
+    let problem = Problem { samples: &part, target: &target, freedom: FREEDOM, fixed_diffuse: 0.0 };
+    let mut start_ratio = None;
+    let (mut model, mut outcome) = if let Some(variant) = options.method.line_search()
+        && lobes > 0
+    {
+        let rho_d = diffuse::percentile(&mut part.value.clone(), PERCENTILE);
+        let model = line_search::fit(&part, &target, rho_d, FREEDOM, variant);
+        let cost = optimiser.evaluate(&part, &target, &model);
+        (model, Descent { cost, iterations: 0, converged: true })
+    } else {
+        let mut search = Search::default();
+        let found = if microfacet {
+            search.best_coated(&mut optimiser, &problem, lobes, Effort::TABLE)
+        } else {
+            search.best(&mut optimiser, &problem, lobes, Effort::TABLE)
+        };
+        let found = if sharpening { sharpened(found, &mut optimiser, &problem) } else { found };
+        if options.random_starts > 0 && !microfacet && !sharpening {
+            let mut random = Random::new(options.seed);
+            let limits = Effort::TABLE.limits;
+            let best =
+                problem.best_of_random(&mut optimiser, lobes, options.random_starts, limits, &mut random);
+            start_ratio = Some(found.1.cost / best.max(f64::MIN_POSITIVE));
+        }
+        found
+    };
+    let left_out = if judged {
+        choice::left_out(&part, &choice::folds(&part_theta_deg), &target, &model)
+    } else {
+        Vec::new()
+    };
+    let mut thinned = None;
+    if thin.is_some() && options.method.line_search().is_none() {
+        let before = optimiser.evaluate(&training, &whole, &model);
+        let problem = Problem { samples: &training, target: &whole, freedom: FREEDOM, fixed_diffuse: 0.0 };
+        outcome = problem.minimise(&mut optimiser, Effort::TABLE.limits, &mut model);
+        thinned =
+            Some(Thinned { rows: part.len(), loss: before / outcome.cost.max(f64::MIN_POSITIVE) - 1.0 });
+    }
+    let mut free = None;
+    if let Some(limit) = options.bound.limit(options.method)
+        && let Some(held) =
+            conserve::conserve(&coloured(&model, Rgb::X), &training, &[0], &[whole.clone()], limit)
+    {
+        free = Some(errors(&training, &model));
+        model = Model::from(&held);
+        outcome.cost = optimiser.evaluate(&training, &whole, &model);
+    }
+    let fitted = free.is_none() && options.method != Method::LineSearch;
+    WavelengthFit {
+        wavelength_nm,
+        size,
+        chosen: false,
+        deviations: fitted.then(|| uncertainty::deviations(&training, &whole, &model)),
+        left_out,
+        thinned,
+        free,
+        training: errors(&training, &model),
+        held_out: (!held_out.is_empty()).then(|| errors(&held_out, &model)),
+        model,
+        outcome,
+        start_ratio,
+    }
+}
+
+/// The fit with lobes that sharpen, from one with lobes that do not.
+fn sharpened(
+    (mut model, _): (Model, Descent),
+    optimiser: &mut Optimiser,
+    problem: &Problem<'_>,
+) -> (Model, Descent) {
+    model.lobes.iter_mut().for_each(|lobe| lobe.n_grazing = Some(lobe.n));
+    let outcome = problem.minimise(optimiser, Effort::TABLE.limits, &mut model);
+    (model, outcome)
+}
+
+/// The BRDF of three fits for red, green and blue: every term is seen in its own channel only.
+pub fn brdf(red_green_blue: [&WavelengthFit; 3]) -> LobeBrdf {
+    let mut brdf = LobeBrdf::default();
+    for (fit, colour) in red_green_blue.into_iter().zip([Rgb::X, Rgb::Y, Rgb::Z]) {
+        let one = coloured(&fit.model, colour);
+        brdf.rho_d += one.rho_d;
+        brdf.lobes.extend(one.lobes);
+        brdf.microfacets.extend(one.microfacets);
+    }
+    brdf
+}
+
+/// A model in a colour, without its black lobes.
+pub fn coloured(model: &Model, colour: Rgb) -> LobeBrdf {
+    let lobes = model.lobes.iter().filter(|lobe| lobe.amplitude > 0.0);
+    let coat = model.coat.map(|coat| Microfacet {
+        f0: coat.f0 as f32 * colour,
+        f90: coat.f90 as f32 * colour,
+        alpha: coat.alpha as f32,
+    });
+    LobeBrdf {
+        rho_d: model.diffuse as f32 * colour,
+        lobes: lobes.map(|lobe| lobe.to_lobe(lobe.amplitude as f32 * colour)).collect(),
+        microfacets: coat.into_iter().collect(),
+        ..LobeBrdf::default()
+    }
+}
+
+/// The figures of a list of fits, as reports hold them.
+pub fn figures(fits: &[WavelengthFit], options: &TableOptions) -> Vec<ErrorFigure> {
+    let mut figures = Vec::new();
+    for fit in fits {
+        let mut add = |name: &str, value: f64, over: String| {
+            figures.push(
+                ErrorFigure::new(name, value, "1", over)
+                    .with("lobes", fit.size.lobes)
+                    .with("sharpening", fit.size.sharpening)
+                    .with("microfacet", fit.size.microfacet)
+                    .with("chosen", fit.chosen)
+                    .with("wavelength_nm", fit.wavelength_nm)
+                    .with("method", options.method.name())
+                    .with("residual", options.residual.name()),
+            );
+        };
+        let over = |errors: &Errors, what: &str| format!("{} {what} rows", errors.rows);
+        add("training_log_rms", fit.training.log_rms, over(&fit.training, "training"));
+        add("training_relative_l2", fit.training.relative_l2, over(&fit.training, "training"));
+        if let Some(free) = &fit.free {
+            add("energy_free_training_log_rms", free.log_rms, over(free, "training"));
+            add("energy_free_training_relative_l2", free.relative_l2, over(free, "training"));
+        }
+        if let Some(held_out) = &fit.held_out {
+            add("held_out_log_rms", held_out.log_rms, over(held_out, "held-out"));
+            add("held_out_relative_l2", held_out.relative_l2, over(held_out, "held-out"));
+        }
+        if let Some(thinned) = &fit.thinned {
+            add("thinned_cost_loss", thinned.loss, format!("a search with {} rows", thinned.rows));
+        }
+        if let Some(ratio) = fit.start_ratio {
+            let over = format!("best cost of {} random starts", options.random_starts);
+            add("start_cost_ratio", ratio, over);
+        }
+    }
+    figures
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use glam::Vec3;
+    use lobelia_reflectance::table::TableRow;
+    use lobelia_reflectance::{Brdf, Lobe};
+
+    fn options() -> TableOptions {
+        TableOptions {
+            method: Method::Lm,
+            residual: Residual::Log,
+            hold_out_theta_deg: vec![30.0],
+            random_starts: 4,
+            seed: 1,
+            bound: AlbedoBound::Bounded,
+        }
+    }
+
+    const ZERO: Size = Size { lobes: 0, sharpening: false, microfacet: false };
+    const ONE: Size = Size { lobes: 1, sharpening: false, microfacet: false };
+    const TWO: Size = Size { lobes: 2, sharpening: false, microfacet: false };
+
+    /// A table of a known material with one lobe at incidences 10° … 70°.
+    fn table() -> MeasuredTable {
+        let lobe = Lobe::new(Rgb::splat(0.8), Vec3::new(-0.95, -0.95, 0.9), 30.0);
+        let truth = LobeBrdf { rho_d: Rgb::splat(0.05), beta: 0.0, lobes: vec![lobe], ..LobeBrdf::default() };
+        let mut rows = Vec::new();
+        for (i, o, p) in (1..8)
+            .flat_map(|i| (0..8).flat_map(move |o| (0..9).map(move |p| (f64::from(i), f64::from(o), p))))
+        {
+            let (theta_i, theta_o) = (i * 10f64.to_radians(), o * 10f64.to_radians());
+            let phi_o = f64::from(p) / 8.0 * std::f64::consts::PI;
+            let mut row = TableRow { theta_i, phi_i: 0.0, theta_o, phi_o, values: vec![] };
+            let f = f64::from(truth.eval(row.wi().as_vec3(), row.wo().as_vec3()).x);
+            row.values = vec![f, 2.0 * f];
+            rows.push(row);
+        }
+        MeasuredTable { wavelengths_nm: vec![400.0, 600.0], rows }
+    }
+
+    #[test]
+    fn a_table_of_one_lobe_is_recovered_and_predicts_the_held_out_incidence() {
+        let fits = fit(&table(), &[400.0, 500.0, 600.0], &[ZERO, ONE], Take::Size(ONE), &options()).unwrap();
+        assert_eq!(fits.len(), 6);
+        let one = &fits[3];
+        assert_eq!((one.wavelength_nm, one.size, one.chosen), (500.0, ONE, true));
+        let held_out = one.held_out.unwrap();
+        assert_eq!(held_out.rows, 72);
+        assert!(held_out.log_rms < 1e-3 && held_out.relative_l2 < 1e-3, "{one:?}");
+        assert!((one.model.lobes[0].n - 30.0).abs() < 0.1);
+        assert!(fits[2].held_out.unwrap().relative_l2 > 0.1);
+        let brdf = brdf([&fits[5], &fits[3], &fits[1]]);
+        assert!((brdf.rho_d - Rgb::new(0.1, 0.075, 0.05)).abs().max_element() < 1e-3, "{brdf:?}");
+        let figures = figures(&fits, &options());
+        assert_eq!(figures.iter().filter(|figure| figure.name == "held_out_log_rms").count(), 6);
+        let json = serde_json::to_value(&figures[0]).unwrap();
+        assert_eq!(json["wavelength_nm"], 400.0);
+    }
+
+    #[test]
+    fn the_data_choose_a_lobe_or_a_coat_over_it() {
+        let sizes = [false, true]
+            .map(|microfacet| [0, 1, 2].map(|lobes| Size { lobes, sharpening: false, microfacet }))
+            .concat();
+        let chosen = |table: &MeasuredTable| {
+            let fits = fit(table, &[400.0], &sizes, Take::Choose, &options()).unwrap();
+            fits.into_iter().find(|fit| fit.chosen).unwrap()
+        };
+        let mut table = table();
+        assert_eq!(chosen(&table).size, ONE);
+        let coat = Microfacet { f0: Rgb::splat(0.04), f90: Rgb::ONE, alpha: 0.15 };
+        for row in &mut table.rows {
+            row.values[0] += f64::from(coat.eval(row.wi().as_vec3(), row.wo().as_vec3()).x);
+        }
+        let coated = chosen(&table);
+        assert_eq!(coated.size, Size { lobes: 1, sharpening: false, microfacet: true }, "{coated:?}");
+        let found = coated.model.coat.unwrap();
+        assert!((found.alpha - 0.15).abs() < 1e-3 && (found.f0 - 0.04).abs() < 1e-3, "{found:?}");
+        assert!((found.f90 - 1.0).abs() < 0.02 && coated.held_out.unwrap().log_rms < 1e-2);
+    }
+
+    #[test]
+    fn one_deterministic_start_reaches_what_many_random_ones_do_on_measured_paint() {
+        let folder = std::env::var("LOBELIA_DATA").unwrap_or_else(|_| "../../shared/data".into());
+        let path = std::path::Path::new(&folder).join("brdf/cayman.brdf");
+        if !path.exists() {
+            println!("skipped: {} is not there", path.display());
+            return;
+        }
+        let options = TableOptions {
+            residual: Residual::Balanced,
+            hold_out_theta_deg: vec![30.0, 60.0],
+            random_starts: 16,
+            ..options()
+        };
+        let fits =
+            fit(&MeasuredTable::read(&path).unwrap(), &[650.0], &[ONE, TWO], Take::Size(ONE), &options)
+                .unwrap();
+        for fit in &fits {
+            assert!(fit.start_ratio.unwrap() < 1.02, "{fit:?}");
+        }
+        assert!(fits[1].held_out.unwrap().log_rms < 0.2, "{fits:?}");
+    }
+
+    #[test]
+    #[ignore = "long: cargo xtask long"]
+    fn a_measured_retro_reflector_gets_a_retro_lobe_without_being_told() {
+        let folder = std::env::var("LOBELIA_DATA").unwrap_or_else(|_| "../../shared/data".into());
+        let path = std::path::Path::new(&folder).join("brdf/retro-3M-jaune.dat");
+        if !path.exists() {
+            println!("skipped: {} is not there", path.display());
+            return;
+        }
+        let sizes = [false, true]
+            .map(|microfacet| [1, 2].map(|lobes| Size { lobes, sharpening: false, microfacet }))
+            .concat();
+        let options = TableOptions {
+            residual: Residual::Balanced,
+            hold_out_theta_deg: vec![],
+            random_starts: 0,
+            ..options()
+        };
+        let table = MeasuredTable::read(&path).unwrap();
+        let fits = fit(&table, &[550.0], &sizes, Take::Choose, &options).unwrap();
+        let chosen = fits.iter().find(|fit| fit.chosen).unwrap();
+        let mut lobes = chosen.model.lobes.clone();
+        lobes.sort_by(|a, b| b.n.total_cmp(&a.n));
+        // Its axis points at the light: Cx = Cy = Cz.
+        let sharpest = lobes[0];
+        assert!(sharpest.n > 100.0 && (sharpest.c.x / sharpest.c.z - 1.0).abs() < 0.02, "{chosen:?}");
+    }
+
+    #[test]
+    fn a_table_that_makes_energy_is_held_and_says_what_that_costs() {
+        let lobe = Lobe::new(Rgb::splat(3.0), Vec3::new(-1.1, -1.1, 0.9), 8.0);
+        let metal = LobeBrdf { lobes: vec![lobe], ..LobeBrdf::diffuse(Rgb::splat(0.2)) };
+        let mut table = table();
+        for row in &mut table.rows {
+            let f = f64::from(metal.eval(row.wi().as_vec3(), row.wo().as_vec3()).x);
+            row.values = vec![f, f];
+        }
+        let options = TableOptions { bound: AlbedoBound::Conserved, ..options() };
+        let held = fit(&table, &[400.0], &[ONE], Take::Size(ONE), &options).unwrap().remove(0);
+        let largest = lobelia_reflectance::albedo::largest(&coloured(&held.model, Rgb::ONE)).x;
+        assert!(largest <= 1.0 + conserve::TOLERANCE, "{largest}");
+        let free = held.free.unwrap();
+        assert!(free.log_rms < 1e-3 && held.training.log_rms > 10.0 * free.log_rms, "{held:?}");
+        assert!(
+            figures(&[held], &options).iter().any(|figure| figure.name == "energy_free_training_log_rms")
+        );
+    }
+
+    #[test]
+    fn lobes_that_sharpen_are_found_and_chosen() {
+        let lobe =
+            Lobe { n_grazing: Some(60.0), ..Lobe::new(Rgb::splat(0.8), Vec3::new(-0.95, -0.95, 1.0), 15.0) };
+        let truth = LobeBrdf { lobes: vec![lobe], ..LobeBrdf::diffuse(Rgb::splat(0.1)) };
+        let mut table = table();
+        for row in &mut table.rows {
+            let f = f64::from(truth.eval(row.wi().as_vec3(), row.wo().as_vec3()).x);
+            row.values = vec![f, f];
+        }
+        let sizes = [ONE, Size { sharpening: true, ..ONE }];
+        let fits = fit(&table, &[400.0], &sizes, Take::Choose, &options()).unwrap();
+        assert!(fits[1].chosen && fits[1].training.log_rms < 1e-3, "{fits:?}");
+        let found = fits[1].model.lobes[0];
+        assert!((found.n - 15.0).abs() < 0.1 && (found.n_grazing.unwrap() - 60.0).abs() < 0.5, "{found:?}");
+    }
+
+    #[test]
+    fn held_out_angles_that_leave_nothing_are_refused() {
+        let refused = |angles: Vec<f64>, wavelength: f64| {
+            let options = TableOptions { hold_out_theta_deg: angles, ..options() };
+            fit(&table(), &[wavelength], &[ONE], Take::Size(ONE), &options).unwrap_err().to_string()
+        };
+        assert!(refused(vec![35.0], 400.0).contains("held-out 35°"));
+        assert!(refused((1..8).map(|i| f64::from(i) * 10.0).collect(), 400.0).contains("nothing is left"));
+        assert!(refused(vec![], 399.0).contains("399 nm"));
+    }
+}

@@ -1,0 +1,19 @@
+//! The rig: its file, its geometry, and the client that speaks to its controller.
+
+pub mod client;
+pub mod config;
+pub mod conformance;
+mod explain;
+pub mod geometry;
+mod keep_alive;
+pub mod monitor;
+pub mod port;
+pub mod replay;
+pub mod status;
+#[cfg(test)]
+mod testing;
+pub mod trace;
+mod wire;
+
+pub use client::RigClient;
+pub use port::{Port, open_port};

@@ -1,0 +1,3 @@
+//! Warnings that sampled reflectance itself gives rise to.
+
+pub mod samples;

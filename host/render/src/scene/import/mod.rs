@@ -1,0 +1,37 @@
+//! Meshes from glTF 2.0, Wavefront OBJ and PLY files.
+
+mod gltf_accessor;
+mod gltf_file;
+mod gltf_json;
+mod obj_file;
+mod ply_file;
+mod ply_header;
+mod polygon;
+
+use std::path::Path;
+
+use glam::DVec3;
+
+use super::mesh::Mesh;
+use lobelia_base::error::{Error, Result};
+
+impl Mesh {
+    /// Reads every triangle of a `.gltf`, `.glb`, `.obj` or `.ply` file into one mesh, and what its positions are relative to: 0, or the
+    /// middle of a mesh whose coordinates are too large for single precision.
+    ///
+    /// # Errors
+    /// Input errors that name the file and what is wrong in it.
+    pub fn read(path: &Path) -> Result<(Self, DVec3)> {
+        let extension = path.extension().unwrap_or_default().to_string_lossy().to_lowercase();
+        let raw = match extension.as_str() {
+            "gltf" | "glb" => gltf_file::read(path)?,
+            "obj" => obj_file::read(path)?,
+            "ply" => ply_file::read(path)?,
+            _ => return Err(Error::reading(path, "a mesh is a .gltf, .glb, .obj or .ply file")),
+        };
+        Self::from_raw(raw).map_err(|error| error.at(path.display()))
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,59 @@
+//! Small scenes that come with the program: shapes, environments and materials are computed.
+
+/// Name, what it shows, and the scene file.
+pub const SCENES: [(&str, &str, &str); 6] = [
+    (
+        "studio-ball",
+        "a ball of blue paint in a studio",
+        include_str!("../../../../examples/scenes/studio-ball.toml"),
+    ),
+    (
+        "sky-drape",
+        "a woven cloth over a form in the open, under sky and sun",
+        include_str!("../../../../examples/scenes/sky-drape.toml"),
+    ),
+    (
+        "lamps",
+        "a cloth and a ball under three small lamps",
+        include_str!("../../../../examples/scenes/lamps.toml"),
+    ),
+    (
+        "window",
+        "balls in a coloured room, lit by a rectangular window and by its walls",
+        include_str!("../../../../examples/scenes/window.toml"),
+    ),
+    (
+        "metal-row",
+        "balls of lobes with n from 1 to 1000 in a studio",
+        include_str!("../../../../examples/scenes/metal-row.toml"),
+    ),
+    (
+        "gallery",
+        "cloths, balls and panels of twelve materials, 285,000 triangles",
+        include_str!("../../../../examples/scenes/gallery.toml"),
+    ),
+];
+
+/// The scene file of a name.
+pub fn find(name: &str) -> Option<&'static str> {
+    SCENES.iter().find(|scene| scene.0 == name).map(|scene| scene.2)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scene::Scene;
+    use std::path::Path;
+
+    #[test]
+    fn every_shipped_scene_can_be_opened_and_other_names_are_refused_with_the_list() {
+        for (name, ..) in SCENES {
+            let scene = Scene::open(Path::new(name)).unwrap();
+            assert!(!scene.objects.is_empty());
+            assert!(!scene.lights.is_empty() || scene.environment.is_some());
+        }
+        let error = Scene::open(Path::new("studio-bal")).unwrap_err();
+        assert_eq!(error.exit_code(), 2);
+        assert!(error.to_string().contains("studio-ball"), "{error}");
+    }
+}
