@@ -1,7 +1,7 @@
 //! Files that are there whole or not at all, see [`durable`]; outputs that are tried before the work.
 
 use std::io::Write;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use crate::error::{Error, Result};
 use crate::reflectance::durable;
@@ -47,6 +47,43 @@ pub fn try_folder(path: &Path) -> Result<()> {
     durable::try_writing(&path.join("file")).map_err(|error| Error::writing(path, error))
 }
 
+/// Whether two names are those of one file or folder, which need not be there yet. What is neither, as a pipe, may be named twice.
+pub fn same(first: &Path, second: &Path) -> bool {
+    match (std::fs::metadata(first), std::fs::metadata(second)) {
+        (Ok(first_meta), Ok(second_meta)) => {
+            (first_meta.is_file() || first_meta.is_dir())
+                && (same_entry(&first_meta, &second_meta) || whole_name(first) == whole_name(second))
+        }
+        (Err(_), Err(_)) => whole_name(first) == whole_name(second),
+        _ => false,
+    }
+}
+
+#[cfg(unix)]
+fn same_entry(first: &std::fs::Metadata, second: &std::fs::Metadata) -> bool {
+    use std::os::unix::fs::MetadataExt;
+    (first.dev(), first.ino()) == (second.dev(), second.ino())
+}
+
+#[cfg(not(unix))]
+fn same_entry(_: &std::fs::Metadata, _: &std::fs::Metadata) -> bool {
+    false
+}
+
+/// A name from the root on, links followed as far as there is something.
+fn whole_name(path: &Path) -> PathBuf {
+    if let Ok(whole) = path.canonicalize() {
+        return whole;
+    }
+    match (path.parent(), path.file_name()) {
+        (Some(folder), Some(name)) => {
+            let folder = if folder.as_os_str().is_empty() { Path::new(".") } else { folder };
+            whole_name(folder).join(name)
+        }
+        _ => path.into(),
+    }
+}
+
 /// What a file's name ends in, in small letters whatever the name has; empty without a point.
 pub fn ending(path: &Path) -> String {
     path.extension().unwrap_or_default().to_string_lossy().to_lowercase()
@@ -69,7 +106,9 @@ pub fn create_folder(path: &Path) -> Result<()> {
 /// # Errors
 /// Input errors for a missing or non-UTF-8 file.
 pub fn read_text(path: &Path) -> Result<String> {
-    std::fs::read_to_string(path).map_err(|error| Error::reading(path, error))
+    let bytes = std::fs::read(path).map_err(|error| Error::reading(path, error))?;
+    let not_utf8 = || Error::input(format!("{}: not a text in UTF-8; save it as one", path.display()));
+    String::from_utf8(bytes).map_err(|_| not_utf8())
 }
 
 #[cfg(test)]

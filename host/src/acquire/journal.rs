@@ -10,6 +10,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::error::{Error, Result};
 use crate::reflectance::durable;
+use crate::toml_file::plain;
 
 /// Name of the journal in a run's folder.
 pub const FILE_NAME: &str = "journal.jsonl";
@@ -206,7 +207,11 @@ fn parse(file: &mut File, path: &Path) -> Result<(Vec<Record>, u64)> {
         .enumerate()
         .map(|(index, line)| {
             serde_json::from_slice(line).map_err(|error| {
-                Error::input(format!("{}, line {}: damaged record: {error}", path.display(), index + 1))
+                // The parser knows of this line alone.
+                let place = format!(" at line {} column {}", error.line(), error.column());
+                let why = plain(&error.to_string().replace(&place, ""));
+                let (path, line, column) = (path.display(), index + 1, error.column());
+                Error::input(format!("{path}, line {line}, column {column}: damaged record: {why}"))
             })
         })
         .collect::<Result<Vec<Record>>>()?;
@@ -250,6 +255,10 @@ mod tests {
         assert!(Journal::create(folder.path()).err().unwrap().to_string().contains("--resume"));
         std::fs::write(folder.path().join(FILE_NAME), "{\"record\":\"homed\",\"controller_us\":1}\n{]\n")
             .unwrap();
-        assert!(read(folder.path()).unwrap_err().to_string().contains("line 2"));
+        let message = read(folder.path()).unwrap_err().to_string();
+        assert!(
+            message.contains("line 2, column 2: damaged record") && !message.contains("line 1"),
+            "{message}"
+        );
     }
 }

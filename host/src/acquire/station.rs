@@ -9,6 +9,7 @@ use lobelia_protocol::Exposure;
 use super::judge;
 pub use super::watch::WatchedFolder;
 use super::watch::{self, Arrival};
+use crate::develop::frame::RawFrame;
 use crate::error::{Error, Result};
 use crate::progress;
 use crate::rig::RigClient;
@@ -23,13 +24,15 @@ const ASIDE: &str = "aside";
 
 /// One photograph to take.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Shot {
+pub struct Shot<'a> {
     /// Time that the shutter shall be open, s.
     pub open_s: f64,
     /// Whether the lamp must be warm; false for dark frames.
     pub warm_lamp: bool,
     /// Where the motors stand, by which the tags are expected; `None` for dark frames.
     pub angles: Option<MotorAngles>,
+    /// The dark frames before this one, of as long exposures or shorter ones; none before a pose's.
+    pub darks: &'a [RawFrame],
     /// What the photograph is (kind, pose, exposure), from which a simulated camera draws its noise.
     pub key: [u64; 3],
 }
@@ -129,7 +132,12 @@ impl Station {
     ///
     /// # Errors
     /// Failures of the rig; when no try gave a right photograph, with what was wrong with the last; on Ctrl-C.
-    pub(super) fn photograph(&mut self, config: &RigConfig, file: &Path, shot: &Shot) -> Result<Exposure> {
+    pub(super) fn photograph(
+        &mut self,
+        config: &RigConfig,
+        file: &Path,
+        shot: &Shot<'_>,
+    ) -> Result<Exposure> {
         let mut last = String::new();
         for attempt in 1..=TRIES {
             match self.try_shot(config, file, shot)? {
@@ -148,7 +156,7 @@ impl Station {
         &mut self,
         config: &RigConfig,
         file: &Path,
-        shot: &Shot,
+        shot: &Shot<'_>,
     ) -> Result<std::result::Result<Exposure, String>> {
         let duration_us = (shot.open_s * 1e6).round() as u32;
         let aside = file.parent().and_then(Path::parent).unwrap_or(Path::new(".")).join(ASIDE);
@@ -163,7 +171,7 @@ impl Station {
         };
         match &mut self.camera {
             Camera::Watch(folder) => {
-                let open_s = f64::from(exposure.open_us) * 1e-6;
+                let open_s = f64::from(exposure.open_us) / 1e6;
                 let judged = |photograph: &_| judge::judge(config, shot, open_s, photograph);
                 match folder.collect(began, &judged, file, &aside)? {
                     Arrival::Taken => Ok(Ok(exposure)),

@@ -1,11 +1,10 @@
 //! `lobelia acquire`: drives a rig and its camera through a plan.
 
 use std::path::{Path, PathBuf};
-use std::time::Duration;
 
 use clap::Args;
 
-use super::Context;
+use super::{Context, seconds_of};
 use crate::acquire::journal;
 use crate::acquire::station::{self, Camera, Station, WatchedFolder};
 use crate::acquire::{self, RunFolder};
@@ -111,18 +110,19 @@ fn read_inputs(args: &AcquireArgs, context: &mut Context) -> Result<(Plan, RigCo
 }
 
 fn connect(args: &AcquireArgs, material: Option<&Path>, rig: &RigConfig) -> Result<Station> {
-    match (args.port.as_str(), args.camera.as_str()) {
+    let camera = args.camera.as_str();
+    if camera != "sim" && !camera.starts_with("watch:") {
+        let message = format!("--camera {camera} is not known; it is sim or watch:DIR");
+        return Err(Error::input(message));
+    }
+    match (args.port.as_str(), camera) {
         ("sim", "sim") => simulated(material, rig),
         ("sim", _) | (_, "sim") => Err(Error::input(
             "--port sim and --camera sim go together: the simulated camera sees the simulated rig",
         )),
         (port, camera) => {
-            let Some(folder) = camera.strip_prefix("watch:") else {
-                let message = format!("--camera {camera} is not known; it is sim or watch:DIR");
-                return Err(Error::input(message));
-            };
-            let timeout = Duration::try_from_secs_f64(args.camera_timeout_s)
-                .map_err(|error| Error::input(format!("--camera-timeout-s: {error}")))?;
+            let folder = camera.strip_prefix("watch:").unwrap_or(camera);
+            let timeout = seconds_of("--camera-timeout-s", args.camera_timeout_s, 0.0)?;
             let folder = WatchedFolder::new(Path::new(folder), timeout)?;
             Ok(Station::new(RigClient::connect(open_port(port)?)?, Camera::Watch(Box::new(folder))))
         }

@@ -5,13 +5,14 @@ use std::path::{Path, PathBuf};
 use clap::{Args, Subcommand};
 
 use super::Context;
+use crate::edit::pairs::Pairs;
 use crate::edit::picture::{Mask, Photo};
 use crate::edit::{self, cluster, composite, diffuse, palette, photo, tile};
 use crate::error::{Error, Result};
 use crate::files;
 use crate::fit::MOST_LOBES;
 use crate::fit::figures::ErrorFigure;
-use crate::reflectance::SbrdfMap;
+use crate::reflectance::{LobeBrdf, SbrdfMap};
 
 /// Arguments of `lobelia edit`.
 #[derive(Debug, Args)]
@@ -226,12 +227,14 @@ fn run_cluster(args: &ClusterArgs, context: &mut Context) -> Result<()> {
     let map = read_map(&args.map, context)?;
     let seed = context.seed;
     let clusters = context.report.stage("cluster", || cluster::cluster(&map, args.count, seed))?;
+    computed(&map, &args.map, clusters.relative + clusters.relative_of_texels)?;
     let whole = clusters.index.len() as f64;
     let share = |&count: &usize| format!("{count} texels, {:.1} %", 100.0 * count as f64 / whole);
     let notes: Vec<String> = clusters.count.iter().map(share).collect();
     let entries = palette::with_swatches(clusters.palette);
     files::write_bytes(&args.output, palette::to_toml(&entries, &notes).as_bytes())?;
-    palette::write_index(&args.index, map.width, map.height, &clusters.index, &entries)?;
+    let alpha = map.extra.get(edit::ALPHA).map(Vec::as_slice);
+    palette::write_index_cut(&args.index, (map.width, map.height), &clusters.index, alpha, &entries)?;
     for (name, error) in [
         ("palette_relative_l2", clusters.relative),
         ("palette_of_texels_relative_l2", clusters.relative_of_texels),
@@ -275,6 +278,7 @@ fn run_mean(args: &MeanArgs, context: &mut Context) -> Result<()> {
         )));
     }
     let mean = context.report.stage("mean", || composite::mean(&map, mask.as_ref(), lobes))?;
+    computed(&map, &args.map, mean.relative)?;
     let over = format!("{} pairs of directions", edit::blend::PAIRS);
     context
         .report
@@ -282,6 +286,28 @@ fn run_mean(args: &MeanArgs, context: &mut Context) -> Result<()> {
         .push(ErrorFigure::new("blend_relative_l2", mean.relative, "1", over).with("lobes", lobes));
     println!("the fit leaves {:.2} % of the mean reflectance (relative L2)", 100.0 * mean.relative);
     finish(SbrdfMap::from_texels(1, 1, &[mean.brdf]), "mean by reflectance", &args.output, context)
+}
+
+/// Refuses a map whose coefficients are numbers, but not such as can be computed with: what became of them is not.
+fn computed(map: &SbrdfMap, path: &Path, result: f64) -> Result<()> {
+    if result.is_finite() {
+        return Ok(());
+    }
+    let place = absurd_texel(map).map_or_else(String::new, |k| {
+        format!("; look at the coefficients of texel ({}, {})", k % map.width, k / map.width)
+    });
+    let message = "its reflectance is too large to compute with";
+    Err(Error::input(format!("{}: {message}{place}", path.display())))
+}
+
+/// The first texel whose reflectance has no square in single precision.
+fn absurd_texel(map: &SbrdfMap) -> Option<usize> {
+    let pairs = Pairs::over(std::iter::empty::<&LobeBrdf>(), edit::blend::PAIRS);
+    let absurd = |k: &usize| {
+        let albedo = pairs.albedo(&map.texel(*k));
+        !albedo.is_finite() || albedo.abs().max_element() > f32::MAX.sqrt() / 1e3
+    };
+    (0..map.width * map.height).find(absurd)
 }
 
 /// Refuses a picture or a map of another size than the first map's.
@@ -297,6 +323,11 @@ fn run_composite(args: &CompositeArgs, context: &mut Context) -> Result<()> {
     sizes([&args.base, &args.over], &base, (over.width, over.height))?;
     sizes([&args.base, &args.mask], &base, (mask.width, mask.height))?;
     let (map, worst) = context.report.stage("composite", || composite::composite(&base, &over, &mask));
+    if !worst.is_finite() {
+        let of_base = absurd_texel(&base).is_some();
+        let (map, path) = if of_base { (&base, &args.base) } else { (&over, &args.over) };
+        computed(map, path, worst)?;
+    }
     let over = format!("worst of {} texels", mask.share.len());
     context.report.errors.push(ErrorFigure::new("blend_relative_l2", worst, "1", over));
     finish(map, "composite by a mask", &args.output, context)
@@ -413,6 +444,22 @@ mod tests {
             let map = SbrdfMap::read_exr(&path.join("o.exr")).unwrap();
             assert_eq!((map.width, map.height), size, "{line}");
             assert!(map.attributes["edit.1"].contains(note), "{line}: {:?}", map.attributes);
+        }
+    }
+
+    /// Finite, but its square is not in single precision.
+    #[test]
+    fn a_coefficient_that_nothing_can_be_computed_with_is_told_by_its_texel_and_nothing_is_written() {
+        let folder = folder();
+        let path = folder.path();
+        let mut map = SbrdfMap::read_exr(&path.join("a.exr")).unwrap();
+        map.rho_d[11] = crate::reflectance::Rgb::splat(1e30);
+        map.write_exr(&path.join("b.exr")).unwrap();
+        for line in ["mean b.exr --lobes 1 -o o.exr", "cluster b.exr -k 2 -o o.toml --index o.png"] {
+            let error = edit(path, line).unwrap_err();
+            let named = error.to_string().contains("b.exr: its reflectance is too large");
+            assert!(named && error.to_string().contains("texel (3, 1)"), "{line}: {error}");
+            assert!(error.exit_code() == 2 && !path.join("o.exr").exists() && !path.join("o.toml").exists());
         }
     }
 

@@ -102,7 +102,7 @@ fn relative_error<'a>(pairs: &Pairs, texels: &[LobeBrdf], of: impl Fn(usize) -> 
         })
         .collect();
     let (error, whole) = squares.iter().fold((0.0, 0.0), |sum, square| (sum.0 + square.0, sum.1 + square.1));
-    if whole > 0.0 { (error / whole).sqrt() } else { 0.0 }
+    if whole == 0.0 { 0.0 } else { (error / whole).sqrt() }
 }
 
 /// The nearest centre and the squared distance to it.

@@ -591,7 +591,7 @@ impl RigConfig {
                 value => value,
             };
             let read: std::result::Result<Self, _> = file.clone().try_into();
-            let read = read.map_err(|error| refused(error.message()))?;
+            let read = read.map_err(|error| refused(&crate::toml_file::plain(error.message())))?;
             read.validate().map_err(|error| refused(&error.to_string()))?;
         }
         file.try_into().map_err(|error: toml::de::Error| crate::Error::input(error.message().to_string()))
@@ -661,7 +661,8 @@ mod tests {
             ("camera.focal_px", "KEY=VALUE"),
             ("camera.focal=3", "unknown field"),
             ("camera.focal_px.x=3", "no such key"),
-            ("camera.width=\"wide\"", "invalid type"),
+            ("camera.width=\"wide\"", "expected a whole number"),
+            ("carrier.texels_across=1e5", "the number `100000.0`, expected a whole number"),
             ("camera.white_level=10", "white_level"),
             ("camera.f_number=", "no TOML"),
         ] {

@@ -145,7 +145,7 @@ impl RigConfig {
 
 /// Exposures that the controller makes, s.
 pub(crate) fn exposures_s() -> RangeInclusive<f64> {
-    f64::from(*EXPOSURE_US.start()) * 1e-6..=f64::from(*EXPOSURE_US.end()) * 1e-6
+    f64::from(*EXPOSURE_US.start()) / 1e6..=f64::from(*EXPOSURE_US.end()) / 1e6
 }
 
 /// A refusal that names the key.

@@ -13,7 +13,9 @@ use crate::scene::mesh::{Corner, RawMesh};
 pub(super) fn read(path: &Path) -> Result<RawMesh> {
     let bytes = std::fs::read(path).map_err(|error| Error::reading(path, error))?;
     // Names and comments may be in any encoding; what is read of the file is ASCII.
-    parse(&String::from_utf8_lossy(&bytes))
+    // A byte-order mark would hide the first line's keyword.
+    let bytes = bytes.strip_prefix(&[0xef, 0xbb, 0xbf]).unwrap_or(&bytes);
+    parse(&String::from_utf8_lossy(bytes))
         .map_err(|(line, message)| Error::input(format!("{}, line {line}: {message}", path.display())))
 }
 
