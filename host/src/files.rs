@@ -84,6 +84,27 @@ fn whole_name(path: &Path) -> PathBuf {
     }
 }
 
+/// What a file or folder is that stands in another's place, by its content or its name's ending; none for what that does not tell.
+pub fn what_is(path: &Path) -> Option<&'static str> {
+    if path.is_dir() {
+        let has = |name: &str| path.join(name).is_file();
+        return Some(match (has("journal.jsonl"), has("zarr.json")) {
+            (true, _) => "a run",
+            (_, true) => "a sampled SBRDF",
+            _ => "a folder",
+        });
+    }
+    Some(match ending(path).as_str() {
+        "exr" => "an SBRDF map or a picture",
+        "hdr" | "pic" | "png" | "jpg" | "jpeg" => "a picture",
+        "tif" | "tiff" => "a photograph",
+        "gltf" | "glb" | "obj" | "ply" => "a mesh",
+        "zarr" => "a sampled SBRDF",
+        "brdf" | "binary" | "alta" => "a measured table",
+        _ => return None,
+    })
+}
+
 /// What a file's name ends in, in small letters whatever the name has; empty without a point.
 pub fn ending(path: &Path) -> String {
     path.extension().unwrap_or_default().to_string_lossy().to_lowercase()
@@ -107,13 +128,32 @@ pub fn create_folder(path: &Path) -> Result<()> {
 /// Input errors for a missing or non-UTF-8 file.
 pub fn read_text(path: &Path) -> Result<String> {
     let bytes = std::fs::read(path).map_err(|error| Error::reading(path, error))?;
-    let not_utf8 = || Error::input(format!("{}: not a text in UTF-8; save it as one", path.display()));
+    let not_utf8 = || {
+        let what = what_is(path).map_or_else(|| "not".into(), |what| format!("{what}, not"));
+        Error::input(format!("{}: {what} a text in UTF-8; save it as one", path.display()))
+    };
     String::from_utf8(bytes).map_err(|_| not_utf8())
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn names_of_one_file_are_told_to_be_that_whatever_they_look_like() {
+        let folder = tempfile::tempdir().unwrap();
+        let place = |name: &str| folder.path().join(name);
+        write_bytes(&place("a/file"), b"here").unwrap();
+        assert!(same(&place("a/file"), &place("a/../a/file")) && same(&place("a/new"), &place("a/./new")));
+        assert!(same(&place("b/c/new"), &place("b/c/new")) && !same(&place("a/file"), &place("a/new")));
+        assert!(same(Path::new("new"), Path::new("./new")) && !same(&place("a"), &place("a/file")));
+        write_bytes(&place("run/journal.jsonl"), b"").unwrap();
+        assert_eq!(what_is(&place("run")), Some("a run"));
+        assert_eq!(
+            (what_is(&place("a")), what_is(&place("m.EXR"))),
+            (Some("a folder"), Some("an SBRDF map or a picture"))
+        );
+    }
 
     #[test]
     fn an_output_that_cannot_be_is_told_before_the_work_by_its_name() {

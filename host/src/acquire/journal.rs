@@ -2,13 +2,14 @@
 //!
 //! A run killed at any moment leaves whole records and at most one torn last line, which reading drops.
 
-use std::fs::{File, OpenOptions};
+use std::fs::{File, OpenOptions, TryLockError};
 use std::io::{Read, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
 
 use crate::error::{Error, Result};
+use crate::files;
 use crate::reflectance::durable;
 use crate::toml_file::plain;
 
@@ -125,7 +126,9 @@ impl Journal {
         refuse_recorded(folder)?;
         let path = folder.join(FILE_NAME);
         let opened = OpenOptions::new().append(true).create(true).open(&path);
-        let emptied = opened.and_then(|file| file.set_len(0).map(|()| file));
+        let file = opened.map_err(|error| Error::writing(&path, error))?;
+        lock(&file, folder)?;
+        let emptied = file.set_len(0).map(|()| file);
         let kept = emptied.and_then(|file| {
             file.sync_all()?;
             durable::sync_folder(folder)?;
@@ -141,11 +144,10 @@ impl Journal {
     /// Input errors for a missing or damaged journal, naming the line.
     pub fn resume(folder: &Path) -> Result<(Self, Vec<Record>)> {
         let path = folder.join(FILE_NAME);
-        let mut file = OpenOptions::new()
-            .read(true)
-            .write(true)
-            .open(&path)
-            .map_err(|error| Error::reading(&path, error).at("no run to resume"))?;
+        let mut file = OpenOptions::new().read(true).write(true).open(&path).map_err(|error| {
+            no_run(folder).unwrap_or_else(|| Error::reading(&path, error)).at("no run to resume")
+        })?;
+        lock(&file, folder)?;
         let (records, whole) = parse(&mut file, &path)?;
         file.set_len(whole).map_err(|error| Error::writing(&path, error))?;
         file.seek(SeekFrom::End(0)).map_err(|error| Error::writing(&path, error))?;
@@ -162,6 +164,18 @@ impl Journal {
         line.push(b'\n');
         let written = self.file.write_all(&line).and_then(|()| self.file.sync_data());
         written.map_err(|error| Error::writing(&self.path, error))
+    }
+}
+
+/// Keeps a run to one process at a time, until its journal is closed or the process is gone. Where a file system has no locks, nothing is
+/// kept.
+fn lock(journal: &File, folder: &Path) -> Result<()> {
+    match journal.try_lock() {
+        Err(TryLockError::WouldBlock) => {
+            let message = "another acquire is at work on this run; let it end, or stop it with Ctrl-C";
+            Err(Error::input(format!("{}: {message}", folder.display())))
+        }
+        Ok(()) | Err(TryLockError::Error(_)) => Ok(()),
     }
 }
 
@@ -193,8 +207,20 @@ pub fn refuse_recorded(folder: &Path) -> Result<()> {
 /// Input errors for a missing or damaged journal, naming the line.
 pub fn read(folder: &Path) -> Result<Vec<Record>> {
     let path = folder.join(FILE_NAME);
-    let mut file = File::open(&path).map_err(|error| Error::reading(&path, error))?;
+    let mut file =
+        File::open(&path).map_err(|error| no_run(folder).unwrap_or_else(|| Error::reading(&path, error)))?;
     Ok(parse(&mut file, &path)?.0)
+}
+
+/// What is where a run should be, if that is none.
+fn no_run(folder: &Path) -> Option<Error> {
+    let what = match files::what_is(folder) {
+        Some("a run") => return None,
+        _ if !folder.exists() => "there is no such run".to_string(),
+        Some(what) => format!("{what}, not a run, which has a {FILE_NAME}"),
+        None => format!("a file, not a run's folder, which has a {FILE_NAME}"),
+    };
+    Some(Error::input(format!("{}: {what}", folder.display())))
 }
 
 /// The whole records and the length of the text that holds them.
@@ -237,6 +263,7 @@ mod tests {
         let path = folder.path().join(FILE_NAME);
         let mut journal = Journal::create(folder.path()).unwrap();
         records().iter().for_each(|record| journal.append(record).unwrap());
+        drop(journal);
         let bytes = std::fs::read(&path).unwrap();
         for length in 0..=bytes.len() {
             std::fs::write(&path, &bytes[..length]).unwrap();
@@ -246,6 +273,19 @@ mod tests {
             journal.append(&Record::Finished { controller_us: 1 }).unwrap();
             assert_eq!(read(folder.path()).unwrap().len(), whole + 1);
         }
+    }
+
+    #[test]
+    fn a_run_that_is_being_written_is_left_to_the_one_that_writes_it() {
+        let folder = tempfile::tempdir().unwrap();
+        let mut first = Journal::create(folder.path()).unwrap();
+        first.append(&records()[0]).unwrap();
+        let error = Journal::resume(folder.path()).err().unwrap();
+        assert!(error.exit_code() == 2 && error.to_string().contains("another acquire"), "{error}");
+        first.append(&records()[1]).unwrap();
+        assert_eq!(read(folder.path()).unwrap().len(), 2, "who only reads may");
+        drop(first);
+        assert_eq!(Journal::resume(folder.path()).unwrap().1.len(), 2);
     }
 
     #[test]

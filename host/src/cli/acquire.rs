@@ -59,6 +59,7 @@ pub(super) fn run(args: &AcquireArgs, context: &mut Context) -> Result<()> {
             context.note(format!("{}: the run is complete already", args.output.display()));
             return Ok(());
         }
+        same_run(args, &run)?;
         context.run_input(&args.output);
         let too_long = lamp::too_long(&run.rig, &run.plan.poses[run.first_left()..]);
         context.warn(too_long.map(|why| Warning::new(Kind::LampTime, format!("{why}; {}", lamp::GO_ON))));
@@ -89,6 +90,27 @@ pub(super) fn run(args: &AcquireArgs, context: &mut Context) -> Result<()> {
     context.report.figure(samples::BY_POSE, samples::by_pose(&acquired.samples));
     context.warn(samples::warnings(Step::Acquire, &acquired.samples));
     Ok(())
+}
+
+/// A resumed run goes on by its own plan and rig: others that are named beside it must be the same.
+fn same_run(args: &AcquireArgs, run: &RunFolder) -> Result<()> {
+    let differs = |path: &Path, what: &str| {
+        let message =
+            format!("not {what} of the run, by which --resume goes on; leave it out, or begin another run");
+        Err(Error::input(format!("{}: {message}", path.display())))
+    };
+    if let Some(path) = &args.rig {
+        let mut rig = RigConfig::read(path)?;
+        // --seed may have given the run another.
+        rig.simulator.seed = run.rig.simulator.seed;
+        if rig != run.rig {
+            return differs(path, "the rig");
+        }
+    }
+    match &args.plan {
+        Some(path) if Plan::read(path, &run.rig)? != run.plan => differs(path, "the plan"),
+        _ => Ok(()),
+    }
 }
 
 fn read_inputs(args: &AcquireArgs, context: &mut Context) -> Result<(Plan, RigConfig)> {

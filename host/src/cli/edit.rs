@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use clap::{Args, Subcommand};
 
-use super::Context;
+use super::{Context, map_encoding};
 use crate::edit::pairs::Pairs;
 use crate::edit::picture::{Mask, Photo};
 use crate::edit::{self, cluster, composite, diffuse, palette, photo, tile};
@@ -12,13 +12,16 @@ use crate::error::{Error, Result};
 use crate::files;
 use crate::fit::MOST_LOBES;
 use crate::fit::figures::ErrorFigure;
-use crate::reflectance::{LobeBrdf, SbrdfMap};
+use crate::reflectance::{LobeBrdf, MapEncoding, SbrdfMap};
 
 /// Arguments of `lobelia edit`.
 #[derive(Debug, Args)]
 pub(super) struct EditArgs {
     #[command(subcommand)]
     edit: Edit,
+    /// Writes the map in lines deflated by ZIP, which every program that reads OpenEXR opens, instead of in tiles, which are faster
+    #[arg(long, global = true)]
+    scanlines: bool,
 }
 
 /// What can be done.
@@ -152,14 +155,18 @@ struct TileArgs {
 
 /// Runs `lobelia edit`.
 pub(super) fn run(args: &EditArgs, context: &mut Context) -> Result<()> {
+    let encoding = map_encoding(args.scanlines);
     match &args.edit {
+        Edit::Cluster(_) if args.scanlines => {
+            Err(Error::input("--scanlines is for edits that write a map; cluster writes a palette"))
+        }
         Edit::Cluster(args) => run_cluster(args, context),
-        Edit::Palette(args) => run_palette(args, context),
-        Edit::Mean(args) => run_mean(args, context),
-        Edit::Composite(args) => run_composite(args, context),
-        Edit::ReplaceDiffuse(args) => run_replace(args, context),
-        Edit::FromPhoto(args) => run_photo(args, context),
-        Edit::Tile(args) => run_tile(args, context),
+        Edit::Palette(args) => run_palette(args, encoding, context),
+        Edit::Mean(args) => run_mean(args, encoding, context),
+        Edit::Composite(args) => run_composite(args, encoding, context),
+        Edit::ReplaceDiffuse(args) => run_replace(args, encoding, context),
+        Edit::FromPhoto(args) => run_photo(args, encoding, context),
+        Edit::Tile(args) => run_tile(args, encoding, context),
     }
 }
 
@@ -207,7 +214,12 @@ fn name(path: &Path) -> String {
 }
 
 /// Notes the edit with the hashes of its inputs, writes the map and says so.
-fn finish(mut map: SbrdfMap, what: &str, output: &Path, context: &Context) -> Result<()> {
+fn finish(
+    mut map: SbrdfMap,
+    what: &str,
+    (output, encoding): (&Path, MapEncoding),
+    context: &Context,
+) -> Result<()> {
     let inputs = context.report.inputs.iter().map(|input| {
         let sha256 = input.sha256.as_deref().unwrap_or("unknown");
         format!("{} sha256 {sha256}", name(Path::new(&input.path)))
@@ -216,7 +228,7 @@ fn finish(mut map: SbrdfMap, what: &str, output: &Path, context: &Context) -> Re
     // What made the map before is in its notes; a date of it would be taken for this one's.
     map.attributes.retain(|name, _| !name.starts_with("made."));
     map.attributes.extend(context.report.provenance());
-    map.write_exr(output).map_err(|error| Error::writing(output, error))?;
+    map.write_exr_as(output, encoding).map_err(|error| Error::writing(output, error))?;
     println!("{}: {} × {} texels, {} lobes", output.display(), map.width, map.height, map.lobes.len());
     Ok(())
 }
@@ -255,16 +267,16 @@ fn run_cluster(args: &ClusterArgs, context: &mut Context) -> Result<()> {
     Ok(())
 }
 
-fn run_palette(args: &PaletteArgs, context: &mut Context) -> Result<()> {
+fn run_palette(args: &PaletteArgs, encoding: MapEncoding, context: &mut Context) -> Result<()> {
     ends_in(&args.output, "exr")?;
     context.report.input(&args.palette);
     context.report.input(&args.index);
     let entries = palette::read(&args.palette)?;
     let map = palette::apply(&args.index, &entries)?;
-    finish(map, &format!("palette of {} BRDFs", entries.len()), &args.output, context)
+    finish(map, &format!("palette of {} BRDFs", entries.len()), (&args.output, encoding), context)
 }
 
-fn run_mean(args: &MeanArgs, context: &mut Context) -> Result<()> {
+fn run_mean(args: &MeanArgs, encoding: MapEncoding, context: &mut Context) -> Result<()> {
     ends_in(&args.output, "exr")?;
     let map = read_map(&args.map, context)?;
     let mask = args.mask.as_deref().map(|path| read_mask(path, context)).transpose()?;
@@ -285,7 +297,12 @@ fn run_mean(args: &MeanArgs, context: &mut Context) -> Result<()> {
         .errors
         .push(ErrorFigure::new("blend_relative_l2", mean.relative, "1", over).with("lobes", lobes));
     println!("the fit leaves {:.2} % of the mean reflectance (relative L2)", 100.0 * mean.relative);
-    finish(SbrdfMap::from_texels(1, 1, &[mean.brdf]), "mean by reflectance", &args.output, context)
+    finish(
+        SbrdfMap::from_texels(1, 1, &[mean.brdf]),
+        "mean by reflectance",
+        (&args.output, encoding),
+        context,
+    )
 }
 
 /// Refuses a map whose coefficients are numbers, but not such as can be computed with: what became of them is not.
@@ -316,7 +333,7 @@ fn sizes(paths: [&Path; 2], map: &SbrdfMap, other: (usize, usize)) -> Result<()>
     edit::same_size([&names[0], &names[1]], (map.width, map.height), other)
 }
 
-fn run_composite(args: &CompositeArgs, context: &mut Context) -> Result<()> {
+fn run_composite(args: &CompositeArgs, encoding: MapEncoding, context: &mut Context) -> Result<()> {
     ends_in(&args.output, "exr")?;
     let (base, over) = (read_map(&args.base, context)?, read_map(&args.over, context)?);
     let mask = read_mask(&args.mask, context)?;
@@ -330,18 +347,18 @@ fn run_composite(args: &CompositeArgs, context: &mut Context) -> Result<()> {
     }
     let over = format!("worst of {} texels", mask.share.len());
     context.report.errors.push(ErrorFigure::new("blend_relative_l2", worst, "1", over));
-    finish(map, "composite by a mask", &args.output, context)
+    finish(map, "composite by a mask", (&args.output, encoding), context)
 }
 
-fn run_replace(args: &ReplaceArgs, context: &mut Context) -> Result<()> {
+fn run_replace(args: &ReplaceArgs, encoding: MapEncoding, context: &mut Context) -> Result<()> {
     ends_in(&args.output, "exr")?;
     let map = read_map(&args.map, context)?;
     let photo = read_photo(&args.photo, context)?;
     let replaced = diffuse::replace(&map, &photo).map_err(|error| error.at(args.photo.display()))?;
-    finish(replaced, "diffuse channel by a photograph, mean kept", &args.output, context)
+    finish(replaced, "diffuse channel by a photograph, mean kept", (&args.output, encoding), context)
 }
 
-fn run_photo(args: &PhotoArgs, context: &mut Context) -> Result<()> {
+fn run_photo(args: &PhotoArgs, encoding: MapEncoding, context: &mut Context) -> Result<()> {
     ends_in(&args.output, "exr")?;
     let recipe = photo::Recipe {
         n: args.n,
@@ -353,11 +370,17 @@ fn run_photo(args: &PhotoArgs, context: &mut Context) -> Result<()> {
     };
     recipe.check()?;
     let picture = read_photo(&args.photo, context)?;
-    let map = photo::from_photo(&picture, &recipe, context.seed)?;
-    finish(map, &format!("from a photograph, {recipe:?}, seed {}", context.seed), &args.output, context)
+    let map =
+        photo::from_photo(&picture, &recipe, context.seed).map_err(|error| error.at(args.photo.display()))?;
+    finish(
+        map,
+        &format!("from a photograph, {recipe:?}, seed {}", context.seed),
+        (&args.output, encoding),
+        context,
+    )
 }
 
-fn run_tile(args: &TileArgs, context: &mut Context) -> Result<()> {
+fn run_tile(args: &TileArgs, encoding: MapEncoding, context: &mut Context) -> Result<()> {
     ends_in(&args.output, "exr")?;
     let map = read_map(&args.map, context)?;
     let overlap = args.overlap.unwrap_or_else(|| (map.width.min(map.height) / 8).max(1));
@@ -370,7 +393,12 @@ fn run_tile(args: &TileArgs, context: &mut Context) -> Result<()> {
     println!(
         "borders differ by {overlapping:.2} of the step between neighbours all over, by {seam:.2} along the seams"
     );
-    finish(tile.map, &format!("tileable by a seam in an overlap of {overlap} texels"), &args.output, context)
+    finish(
+        tile.map,
+        &format!("tileable by a seam in an overlap of {overlap} texels"),
+        (&args.output, encoding),
+        context,
+    )
 }
 
 #[cfg(test)]
@@ -427,6 +455,23 @@ mod tests {
             assert_eq!(a.texel(k), b.texel(k));
         }
         assert!(b.attributes["edit.1"].contains("palette of 2 BRDFs; p.toml sha256 "), "{:?}", b.attributes);
+    }
+
+    /// OpenEXR's compression, by its header: 3 is ZIP of 16 lines; a version with bit 9 has tiles.
+    #[test]
+    fn lines_are_written_where_they_are_asked_for() {
+        let folder = folder();
+        let of = |line: &str| {
+            edit(folder.path(), line).unwrap();
+            let bytes = std::fs::read(folder.path().join("o.exr")).unwrap();
+            let key = b"compression\0compression\0";
+            let place = bytes.windows(key.len()).position(|part| part == key).unwrap();
+            (bytes[5] & 2 != 0, bytes[place + key.len() + 4])
+        };
+        let (tiles, _) = of("tile a.exr --overlap 2 -o o.exr");
+        assert!(tiles);
+        assert_eq!(of("tile a.exr --overlap 2 -o o.exr --scanlines"), (false, 3));
+        assert!(edit(folder.path(), "cluster a.exr -o p.toml --index i.png --scanlines").is_err());
     }
 
     #[test]

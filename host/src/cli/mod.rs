@@ -9,6 +9,7 @@ use clap::{ArgMatches, Args, CommandFactory, FromArgMatches, Parser, Subcommand}
 
 use crate::acquire::{PLAN_FILE, RIG_FILE, journal};
 use crate::error::{Error, Result};
+use crate::reflectance::MapEncoding;
 use crate::report::Report;
 use crate::warning::Warning;
 use crate::{files, progress};
@@ -184,6 +185,11 @@ pub fn main() -> ExitCode {
             ExitCode::from(error.exit_code())
         }
     }
+}
+
+/// How a map's file lies, by the option `--scanlines`.
+fn map_encoding(scanlines: bool) -> MapEncoding {
+    if scanlines { MapEncoding::Scanlines } else { MapEncoding::Tiles }
 }
 
 /// A time of an option, s, of which there may be no fewer than `least` and no more than a process lasts.

@@ -100,7 +100,7 @@ mod tests {
             let place = usize::from(exposure_s > 0.1);
             assert!(outshines(&config.camera, &lit, &dark[place]), "{exposure_s} s in {light} of the light");
             assert!(!outshines(&config.camera, &dark[place], &lit));
-            assert_eq!(shows_tags(&config, &lit).is_some(), light == 1.0);
+            assert!(shows_tags(&config, &lit).is_some() || light < 1.0);
         }
         assert!(outshines(&config.camera, &shot(&config, 0.05, 1.0, 3), &dark[1]), "short, but brighter");
     }

@@ -32,6 +32,8 @@ pub mod resample;
 pub mod seen;
 mod shifted;
 
+pub(crate) use shifted::explain;
+
 use frame::RawFrame;
 use radiance::{BracketedFrame, DarkSignal, MosaicRadiance};
 use registration::{Registration, Unregistered};
@@ -228,7 +230,7 @@ impl Photographs {
     }
 
     /// Damaged frames so far, and why each is left out, in order.
-    fn left_out(&self) -> Vec<String> {
+    pub(crate) fn left_out(&self) -> Vec<String> {
         let mut sentences = self.damaged.lock().unwrap_or_else(PoisonError::into_inner).clone();
         sentences.sort();
         sentences

@@ -1,7 +1,7 @@
 //! What photographs have in common that are not of their pose: whose pose each shows, a run that is shifted as a whole or by single
 //! photographs, a carrier that sits askew.
 
-use super::registration::{Registration, Shown, Unregistered};
+use super::registration::{Shown, Unregistered};
 use super::seen::SeenPose;
 use crate::acquire::RunFolder;
 use crate::error::{Error, Result};
@@ -15,9 +15,9 @@ const LEAST: usize = 3;
 /// # Errors
 /// An input error for a run most of whose photographs are those of other poses by the same shift, or most of whose poses are off alike:
 /// the few that seem right are so by chance.
-pub(super) fn explain(
+pub(crate) fn explain<T>(
     run: &RunFolder,
-    registrations: &mut [std::result::Result<Registration, Unregistered>],
+    registrations: &mut [std::result::Result<T, Unregistered>],
 ) -> Result<Option<String>> {
     let elsewhere: Vec<(usize, SeenPose)> = registrations
         .iter()

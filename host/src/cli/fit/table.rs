@@ -40,6 +40,9 @@ pub(super) fn fit(args: &FitArgs, input: &Path, seed: u64) -> Result<FitOutcome>
             "--diffuse-percentile and --separate-channels are for sampled SBRDFs (.zarr)",
         ));
     }
+    if args.robust {
+        return Err(Error::input("--robust is for sampled SBRDFs (.zarr)"));
+    }
     if args.normals {
         return Err(Error::input("--normals is for sampled SBRDFs (.zarr): tables are isotropic"));
     }
@@ -86,7 +89,7 @@ pub(super) fn fit(args: &FitArgs, input: &Path, seed: u64) -> Result<FitOutcome>
     if let Some(output) = &args.output {
         let mut map = table_map(&fits, &options);
         map.attributes.extend(args.made.clone());
-        write_map(&map, output)?;
+        write_map(&map, output, args.encoding())?;
     }
     let mut outcome = FitOutcome { errors: table::figures(&fits, &options), ..FitOutcome::default() };
     outcome.figures.insert("rows".into(), measured.rows.len().into());
@@ -237,7 +240,7 @@ fn write_description(
 /// A standard deviation behind its coefficient; empty where it is not known.
 fn give_or_take(deviation: Option<f64>, digits: usize) -> String {
     match deviation {
-        Some(deviation) if deviation.is_finite() => format!(" ±{deviation:.digits$}"),
+        Some(deviation) if deviation.is_finite() => format!(" ±{:.digits$}", deviation.abs()),
         Some(_) => " (untold)".into(),
         None => String::new(),
     }
