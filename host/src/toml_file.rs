@@ -124,7 +124,11 @@ pub(crate) fn plain(message: &str) -> String {
     let expected = match WORDS.iter().find(|(word, _)| *word == expected) {
         Some((_, words)) => (*words).to_string(),
         None if expected.starts_with("struct ") => "a table".into(),
-        None => expected.to_string(),
+        None => ["f32 values", "f64 values"]
+            .iter()
+            .fold(expected.to_string(), |text, values| text.replace(values, "numbers"))
+            .replace("a sequence", "a list")
+            .replace("an array", "a list"),
     };
     format!("{found}, expected {expected}")
 }

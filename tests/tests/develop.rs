@@ -7,6 +7,7 @@ use std::path::Path;
 
 use lobelia::acquire::{self, RunFolder, simulated};
 use lobelia::develop::{self, frame};
+use lobelia::reflectance::SbrdfMap;
 use lobelia::rig::config::RigConfig;
 use lobelia::sampled::SampledSbrdf;
 use lobelia_tests::command::{run, succeed};
@@ -133,6 +134,63 @@ fn dark_frames_that_were_lit_by_the_lamp_are_refused_by_name() {
     fs::write(&journal, lines.concat()).unwrap();
     run(folder.path(), &["develop", "run", "-o", "sampled.zarr"])
         .refuses(2, &["dark-04.tiff", "the lamp burnt", "0.500 of its warm light"]);
+}
+
+/// The kinds and the poses of a report's warnings.
+fn warnings(report: &Path) -> Vec<(String, Vec<u64>)> {
+    let report: serde_json::Value = serde_json::from_slice(&fs::read(report).unwrap()).unwrap();
+    let poses = |warning: &serde_json::Value| {
+        let poses = warning["poses"].as_array().cloned().unwrap_or_default();
+        poses.iter().filter_map(serde_json::Value::as_u64).collect()
+    };
+    let all = report["warnings"].as_array().unwrap();
+    all.iter().map(|warning| (warning["kind"].as_str().unwrap().to_string(), poses(warning))).collect()
+}
+
+#[test]
+fn what_is_left_out_is_a_warning_that_a_quiet_report_has_too_in_develop_and_in_compare() {
+    let folder = measured(8);
+    let path = folder.path();
+    put(path, 3, 4);
+    SbrdfMap::new(8, 8, 1).write_exr(&path.join("m.exr")).unwrap();
+    for command in [&["develop", "run", "-o", "s.zarr"], &["compare", "run", "m.exr"]] {
+        let said = run(path, &[&command[..], &["--report", "told.json"]].concat());
+        assert_eq!(said.code, Some(0), "{said:?}");
+        assert!(said.stderr.contains("warning: pose 4 is left out: the tags show"), "{}", said.stderr);
+        succeed(path, &[&command[..], &["--quiet", "--report", "quiet.json"]].concat());
+        for report in ["told.json", "quiet.json"] {
+            let left_out: Vec<_> =
+                warnings(&path.join(report)).into_iter().filter(|w| w.0 == "left_out").collect();
+            assert_eq!(left_out, [("left_out".to_string(), vec![4])], "{command:?} {report}");
+        }
+    }
+    // What was asked for is none.
+    succeed(path, &["develop", "run", "-o", "s.zarr", "--skip-pose", "4", "--report", "asked.json"]);
+    assert!(warnings(&path.join("asked.json")).iter().all(|(kind, _)| kind != "left_out"));
+    for pose in (1..8).rev() {
+        put(path, pose - 1, pose);
+    }
+    run(path, &["compare", "run", "m.exr"]).refuses(2, &["show the pose before theirs"]);
+    run(path, &["develop", "run", "-o", "no.zarr", "--skip-pose", "0-7"])
+        .refuses(2, &["all poses are left out"]);
+}
+
+/// The run's own plan and rig are those in its folder.
+#[test]
+fn a_run_goes_on_by_no_other_plan_and_rig_than_its_own() {
+    let folder = measured(2);
+    let path = folder.path();
+    let rig = fs::read_to_string(path.join("run/rig.toml")).unwrap();
+    fs::write(path.join("other.toml"), rig.replacen("read_noise_e = 6", "read_noise_e = 7", 1)).unwrap();
+    let resume = |more: &[&str]| {
+        let resume = ["acquire", "--resume", "--port", "sim", "--camera", "sim", "-o", "run"];
+        run(path, &[&resume[..], more].concat())
+    };
+    assert_eq!(resume(&["run/plan.toml", "--rig", "run/rig.toml"]).code, Some(0));
+    resume(&["--rig", "other.toml"]).refuses(2, &["other.toml: not the rig of the run"]);
+    let other = small::plan(&small::rig(8), 3);
+    other.write(&path.join("three.toml")).unwrap();
+    resume(&["three.toml"]).refuses(2, &["three.toml: not the plan of the run"]);
 }
 
 /// Stands for exposures that are all the same, by which nothing is told apart.

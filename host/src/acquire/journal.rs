@@ -186,7 +186,8 @@ fn lock(journal: &File, folder: &Path) -> Result<()> {
 pub fn refuse_recorded(folder: &Path) -> Result<()> {
     let refused = |why: &str| Err(Error::input(format!("{}: {why}", folder.display())));
     match std::fs::read(folder.join(FILE_NAME)) {
-        Ok(bytes) if bytes.contains(&b'\n') => {
+        // A run that has done nothing yet, as one whose rig the controller refuses, has nothing to lose.
+        Ok(bytes) if bytes.contains(&b'\n') && !has_only_begun(&bytes) => {
             refused("a run was recorded here already; continue it with --resume or name another folder")
         }
         Ok(_) => Ok(()),
@@ -199,6 +200,13 @@ pub fn refuse_recorded(folder: &Path) -> Result<()> {
             }
         }
     }
+}
+
+/// Whether a journal's one whole line says that a run began.
+fn has_only_begun(journal: &[u8]) -> bool {
+    let Some(end) = journal.iter().position(|&byte| byte == b'\n') else { return true };
+    let begun = matches!(serde_json::from_slice(&journal[..end]), Ok(Record::Started { .. }));
+    begun && !journal[end + 1..].contains(&b'\n')
 }
 
 /// Reads the whole records of a run.
@@ -286,6 +294,20 @@ mod tests {
         assert_eq!(read(folder.path()).unwrap().len(), 2, "who only reads may");
         drop(first);
         assert_eq!(Journal::resume(folder.path()).unwrap().1.len(), 2);
+    }
+
+    #[test]
+    fn a_run_that_has_only_begun_may_be_begun_anew() {
+        let folder = tempfile::tempdir().unwrap();
+        let started =
+            Record::Started { lobelia: "1".into(), plan_sha256: "a".into(), rig_sha256: "b".into() };
+        Journal::create(folder.path()).unwrap().append(&started).unwrap();
+        let mut anew = Journal::create(folder.path()).unwrap();
+        anew.append(&started).unwrap();
+        anew.append(&records()[0]).unwrap();
+        drop(anew);
+        assert_eq!(read(folder.path()).unwrap().len(), 2);
+        assert!(Journal::create(folder.path()).is_err());
     }
 
     #[test]

@@ -11,6 +11,7 @@ use crate::acquire::{self, RunFolder};
 use crate::error::{Error, Result};
 use crate::files;
 use crate::plan::{Plan, lamp};
+use crate::progress::counted;
 use crate::rig::config::RigConfig;
 use crate::rig::trace::Recorder;
 use crate::rig::{RigClient, open_port};
@@ -55,11 +56,11 @@ pub(super) fn run(args: &AcquireArgs, context: &mut Context) -> Result<()> {
     // A new run's folder is laid out last: a rig that does not answer leaves nothing behind.
     let (run, mut journal, mut station) = if args.resume {
         let (run, journal) = RunFolder::resume(&args.output)?;
+        same_run(args, &run)?;
         if run.finished() {
             context.note(format!("{}: the run is complete already", args.output.display()));
             return Ok(());
         }
-        same_run(args, &run)?;
         context.run_input(&args.output);
         let too_long = lamp::too_long(&run.rig, &run.plan.poses[run.first_left()..]);
         context.warn(too_long.map(|why| Warning::new(Kind::LampTime, format!("{why}; {}", lamp::GO_ON))));
@@ -84,8 +85,9 @@ pub(super) fn run(args: &AcquireArgs, context: &mut Context) -> Result<()> {
     context.report.figure("controller_s", acquired.controller_s);
     let path = args.output.display();
     println!(
-        "{path}: {} poses photographed, {:.0} s by the rig's clock",
-        acquired.poses, acquired.controller_s
+        "{path}: {} photographed, {:.0} s by the rig's clock",
+        counted(acquired.poses as u64, "pose", "poses"),
+        acquired.controller_s
     );
     context.report.figure(samples::BY_POSE, samples::by_pose(&acquired.samples));
     context.warn(samples::warnings(Step::Acquire, &acquired.samples));

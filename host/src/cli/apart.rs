@@ -137,7 +137,7 @@ fn inside(folder: &Path) -> Vec<PathBuf> {
 }
 
 /// The files that a TOML file, a scene or a material, names beside it.
-fn in_toml(path: &Path) -> Vec<PathBuf> {
+pub(super) fn in_toml(path: &Path) -> Vec<PathBuf> {
     fn strings(value: &toml::Value, found: &mut Vec<String>) {
         match value {
             toml::Value::String(text) => found.push(text.clone()),

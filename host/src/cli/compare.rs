@@ -10,6 +10,7 @@ use crate::compare::{self, Comparison};
 use crate::error::{Error, Result};
 use crate::files;
 use crate::fit::figures::ErrorFigure;
+use crate::progress::counted;
 use crate::reflectance::SbrdfMap;
 use crate::warning::{Kind, Warning};
 
@@ -84,9 +85,9 @@ pub(super) fn run(args: &CompareArgs, context: &mut Context) -> Result<()> {
     let photographs = format!("{} photographs", compared.len());
     context.report.errors.extend(comparison.by_angle.figures(&photographs));
     println!(
-        "{}: {} poses, median PSNR {psnr_db:.1} dB, mean ΔE {delta_e:.2}, relative RMS {:.2} %",
+        "{}: {}, median PSNR {psnr_db:.1} dB, mean ΔE {delta_e:.2}, relative RMS {:.2} %",
         page.display(),
-        compared.len(),
+        counted(compared.len() as u64, "pose", "poses"),
         100.0 * relative
     );
     by_angle(&comparison);

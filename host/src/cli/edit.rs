@@ -12,6 +12,7 @@ use crate::error::{Error, Result};
 use crate::files;
 use crate::fit::MOST_LOBES;
 use crate::fit::figures::ErrorFigure;
+use crate::progress::counted;
 use crate::reflectance::{LobeBrdf, MapEncoding, SbrdfMap};
 
 /// Arguments of `lobelia edit`.
@@ -229,7 +230,8 @@ fn finish(
     map.attributes.retain(|name, _| !name.starts_with("made."));
     map.attributes.extend(context.report.provenance());
     map.write_exr_as(output, encoding).map_err(|error| Error::writing(output, error))?;
-    println!("{}: {} × {} texels, {} lobes", output.display(), map.width, map.height, map.lobes.len());
+    let lobes = counted(map.lobes.len() as u64, "lobe", "lobes");
+    println!("{}: {} × {} texels, {lobes}", output.display(), map.width, map.height);
     Ok(())
 }
 
@@ -255,9 +257,9 @@ fn run_cluster(args: &ClusterArgs, context: &mut Context) -> Result<()> {
         context.report.errors.push(figure.with("brdfs", entries.len()));
     }
     println!(
-        "{}: {} BRDFs; {}: {} × {} texels; reflectance off by {:.2} %, by the nearest texels in their place {:.2} % (relative L2, weighted by cosθ_i cosθ_o)",
+        "{}: {}; {}: {} × {} texels; reflectance off by {:.2} %, by the nearest texels in their place {:.2} % (relative L2, weighted by cosθ_i cosθ_o)",
         args.output.display(),
-        entries.len(),
+        counted(entries.len() as u64, "BRDF", "BRDFs"),
         args.index.display(),
         map.width,
         map.height,

@@ -22,6 +22,7 @@ use crate::fit::held_out::{HeldOut, Which, left_out};
 use crate::fit::pool::{MOST_SAMPLES, RhoD};
 use crate::fit::weights::Weights;
 use crate::fit::{AlbedoBound, Device, Diffuse, FitOptions, MOST_LOBES, Method, Residual, gpu, mip};
+use crate::progress::counted;
 use crate::provenance::Texts;
 use crate::reflectance::{MapEncoding, SbrdfMap, albedo};
 use crate::report::Report;
@@ -38,7 +39,7 @@ const AUTO_LOBES: usize = 2;
 /// Arguments of `lobelia fit`.
 #[derive(Debug, Clone, Args)]
 pub(super) struct FitArgs {
-    /// A sampled SBRDF (folder.zarr) or a measured table (Cornell's .brdf, ALTA's .dat or .txt, MERL's .binary); with --merge optional: shards are then checked against it
+    /// A sampled SBRDF (folder.zarr) or a measured table (Cornell's .brdf, ALTA's .dat, .txt or .alta, MERL's .binary); with --merge optional: shards are then checked against it
     #[arg(required_unless_present = "merge")]
     pub(super) input: Option<PathBuf>,
     /// The SBRDF map to write (OpenEXR); required for a sampled SBRDF
@@ -464,7 +465,8 @@ fn fit_sampled(args: &FitArgs, input: &Path, seed: u64) -> Result<FitOutcome> {
         Device::Gpu => format!(" on {}", gpu::name()?),
     };
     print(&format!(
-        "{texels} texels × {poses} poses, {} by {}{device}: {seconds:.1} s\n{}",
+        "{texels} texels × {}, {} by {}{device}: {seconds:.1} s\n{}",
+        counted(poses as u64, "pose", "poses"),
         lobes_in_words(&map, &options),
         options.method.name(),
         outcome.residuals()

@@ -12,6 +12,7 @@ use crate::files;
 use crate::fit::FitOptions;
 use crate::fit::chunks::{self, Part};
 use crate::fit::held_out::HeldOut;
+use crate::progress::counted;
 use crate::provenance::Texts;
 use crate::reflectance::MapEncoding;
 use crate::sampled::SampledStore;
@@ -107,8 +108,8 @@ pub(super) fn merge(args: &FitArgs, seed: u64) -> Result<FitOutcome> {
         None => String::new(),
     };
     warnings::of_joined(&mut outcome, store.as_ref(), &map)?;
-    let (file, shards) = (output.display(), args.merge.len());
+    let (file, shards) = (output.display(), counted(args.merge.len() as u64, "shard", "shards"));
     let residuals = outcome.residuals();
-    print(&format!("{file}: {} texels of {shards} shards\n{residuals}{held_out}", map.width * map.height))?;
+    print(&format!("{file}: {} texels of {shards}\n{residuals}{held_out}", map.width * map.height))?;
     Ok(outcome)
 }

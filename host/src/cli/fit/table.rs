@@ -11,6 +11,7 @@ use crate::error::{Error, Result};
 use crate::fit::figures::ErrorFigure;
 use crate::fit::table::{self, Size, TableOptions, Take, WavelengthFit, judge};
 use crate::fit::{Method, Residual};
+use crate::progress::counted;
 use crate::reflectance::{MeasuredTable, Rgb, SbrdfMap};
 use serde_json::json;
 
@@ -159,9 +160,9 @@ fn write_description(
     let (method, residual) = (options.method.name(), options.residual.name());
     writeln!(
         text,
-        "{} rows, {method}, {residual} residual: {} fits in {seconds:.1} s",
-        measured.rows.len(),
-        fits.len()
+        "{}, {method}, {residual} residual: {} in {seconds:.1} s",
+        counted(measured.rows.len() as u64, "row", "rows"),
+        counted(fits.len() as u64, "fit", "fits")
     )?;
     let held_out = !options.hold_out_theta_deg.is_empty();
     write!(text, "\n{:>8}  {:<20} {:>12} {:>11}", "nm", "lobes", "train log", "relative")?;

@@ -15,7 +15,12 @@ pub(super) fn read(path: &Path) -> Result<RawMesh> {
     // Names and comments may be in any encoding; what is read of the file is ASCII.
     // A byte-order mark would hide the first line's keyword.
     let bytes = bytes.strip_prefix(&[0xef, 0xbb, 0xbf]).unwrap_or(&bytes);
-    parse(&String::from_utf8_lossy(bytes))
+    let text = String::from_utf8_lossy(bytes);
+    let others = lines(&text).filter(|(_, content)| {
+        matches!(content.split_whitespace().next(), Some("l" | "p" | "curv" | "curv2" | "surf"))
+    });
+    super::left_out(path, others.count(), "points, lines or curved surfaces");
+    parse(&text)
         .map_err(|(line, message)| Error::input(format!("{}, line {line}: {message}", path.display())))
 }
 
