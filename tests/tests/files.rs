@@ -94,7 +94,7 @@ fn sentences_name_the_mistake() {
     succeed(path, &["synth", "clay", "--size", "4x4", "--poses", "30", "-o", "s.zarr"]);
     fs::copy(case("map/negative-n.exr"), path.join("m.exr")).unwrap();
     fs::copy(case("text/comment-first.dat"), path.join("t.dat")).unwrap();
-    let rig = succeed(path, &["template", "rig"]).stdout;
+    let rig = succeed(path, &["template", "rig"]);
     fs::write(path.join("rig.toml"), &rig).unwrap();
     fs::write(path.join("latin.toml"), b"# \xe4\n").unwrap();
     fs::write(path.join("late.toml"), rig.replacen("max_exposure_s = 2.0", "max_exposure_s = 61.0", 1))
