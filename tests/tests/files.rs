@@ -6,7 +6,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use lobelia::reflectance::SbrdfMap;
-use lobelia_tests::command::{lobelia, root, run, said, succeed};
+use lobelia_tests::command::{executable, lobelia, root, run, said, succeed};
 use lobelia_tests::folder;
 use serde_json::Value;
 
@@ -82,6 +82,17 @@ fn arguments_in_the_wrong_place_are_named_for_what_they_are() {
     run(path, &["fit", "empty.zarr", "-o", "a.exr"]).refuses(2, &["empty.zarr", "a texel at least"]);
     let said = run(path, &["fit", "m.brdf"]);
     assert_eq!(said.stderr.matches("m.brdf").count(), 1, "the file is named once: {}", said.stderr);
+}
+
+/// Batch systems limit a process's addresses; an allocation beyond them ends it.
+#[cfg(target_os = "linux")]
+#[test]
+fn what_a_batch_system_does_not_allow_is_refused_before_the_work() {
+    let folder = tempfile::tempdir().unwrap();
+    let limited = "ulimit -v 4000000; exec \"$0\" render lamps -o a.png --width 16384 --height 16384";
+    let mut command = std::process::Command::new("sh");
+    command.arg("-c").arg(limited).arg(executable()).current_dir(folder.path());
+    said(command.output().unwrap()).refuses(2, &["16384 × 16384 pixels needs", "GiB", "--width less"]);
 }
 
 /// What each is, not what a parser stumbles over in it; numbers as they were written.
