@@ -187,6 +187,7 @@ fn a_run_goes_on_by_no_other_plan_and_rig_than_its_own() {
         run(path, &[&resume[..], more].concat())
     };
     assert_eq!(resume(&["run/plan.toml", "--rig", "run/rig.toml"]).code, Some(0));
+    resume(&["--seed", "77"]).refuses(2, &["--seed is 77, but the run's is"]);
     resume(&["--rig", "other.toml"]).refuses(2, &["other.toml: not the rig of the run"]);
     let other = small::plan(&small::rig(8), 3);
     other.write(&path.join("three.toml")).unwrap();

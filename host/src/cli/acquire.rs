@@ -56,7 +56,7 @@ pub(super) fn run(args: &AcquireArgs, context: &mut Context) -> Result<()> {
     // A new run's folder is laid out last: a rig that does not answer leaves nothing behind.
     let (run, mut journal, mut station) = if args.resume {
         let (run, journal) = RunFolder::resume(&args.output)?;
-        same_run(args, &run)?;
+        same_run(args, &run, context.given_seed)?;
         if run.finished() {
             context.note(format!("{}: the run is complete already", args.output.display()));
             return Ok(());
@@ -95,7 +95,13 @@ pub(super) fn run(args: &AcquireArgs, context: &mut Context) -> Result<()> {
 }
 
 /// A resumed run goes on by its own plan and rig: others that are named beside it must be the same.
-fn same_run(args: &AcquireArgs, run: &RunFolder) -> Result<()> {
+fn same_run(args: &AcquireArgs, run: &RunFolder, seed: Option<u64>) -> Result<()> {
+    let own = run.rig.simulator.seed;
+    if let Some(seed) = seed.filter(|seed| *seed != own) {
+        let message =
+            format!("--seed is {seed}, but the run's is {own}, by which --resume goes on; leave it out");
+        return Err(Error::input(message));
+    }
     let differs = |path: &Path, what: &str| {
         let message =
             format!("not {what} of the run, by which --resume goes on; leave it out, or begin another run");
@@ -104,7 +110,7 @@ fn same_run(args: &AcquireArgs, run: &RunFolder) -> Result<()> {
     if let Some(path) = &args.rig {
         let mut rig = RigConfig::read(path)?;
         // --seed may have given the run another.
-        rig.simulator.seed = run.rig.simulator.seed;
+        rig.simulator.seed = own;
         if rig != run.rig {
             return differs(path, "the rig");
         }
