@@ -106,8 +106,8 @@ fn a_missing_file_is_named_and_nothing_is_begun() {
     let rest = ["--rig", "gone.toml", "-o", "run"];
     refused(path, &[&["acquire", "plan.toml"], &rest[..], &SIMULATED].concat(), 2, &["gone.toml"]);
     let resume = [&["acquire", "--resume", "-o", "run"], &SIMULATED[..]].concat();
-    refused(path, &resume, 2, &["no run to resume", "journal.jsonl"]);
-    refused(path, &["develop", "gone", "-o", "sampled.zarr"], 2, &["gone/journal.jsonl"]);
+    refused(path, &resume, 2, &["no run to resume", "run: there is no such run"]);
+    refused(path, &["develop", "gone", "-o", "sampled.zarr"], 2, &["gone: there is no such run"]);
     refused(path, &["fit", "gone.brdf"], 2, &["gone.brdf"]);
     refused(path, &["fit", "gone.zarr", "-o", "material.exr"], 2, &["gone.zarr"]);
     refused(path, &["render", "gone.toml", "-o", "out.exr"], 2, &["gone.toml"]);

@@ -7,6 +7,7 @@ use std::path::Path;
 
 use lobelia::acquire::{self, RunFolder, simulated};
 use lobelia::develop::{self, frame};
+use lobelia::reflectance::SbrdfMap;
 use lobelia::rig::config::RigConfig;
 use lobelia::sampled::SampledSbrdf;
 use lobelia_tests::command::{run, succeed};
@@ -86,8 +87,9 @@ fn a_run_that_is_one_pose_late_is_refused_and_told_so_and_one_that_becomes_so_ke
         put(folder.path(), pose - 1, pose);
     }
     // Poses 7 to 9 are one late, poses 1 to 6 are now, and pose 0 is right by itself.
-    run(folder.path(), &["develop", "run", "-o", "sampled.zarr"])
-        .refuses(2, &["poses 1 to 9, show the pose before theirs", "photograph these poses again"]);
+    let said = run(folder.path(), &["develop", "run", "-o", "sampled.zarr"]);
+    said.refuses(2, &["poses 1 to 9, show the pose before theirs", "photograph these poses again"]);
+    assert!(!said.stderr.contains(['\\', '\t']) && !said.stderr.contains("  "), "{}", said.stderr);
     assert!(!folder.path().join("sampled.zarr").exists());
 }
 
@@ -132,6 +134,126 @@ fn dark_frames_that_were_lit_by_the_lamp_are_refused_by_name() {
     fs::write(&journal, lines.concat()).unwrap();
     run(folder.path(), &["develop", "run", "-o", "sampled.zarr"])
         .refuses(2, &["dark-04.tiff", "the lamp burnt", "0.500 of its warm light"]);
+}
+
+/// The kinds and the poses of a report's warnings.
+fn warnings(report: &Path) -> Vec<(String, Vec<u64>)> {
+    let report: serde_json::Value = serde_json::from_slice(&fs::read(report).unwrap()).unwrap();
+    let poses = |warning: &serde_json::Value| {
+        let poses = warning["poses"].as_array().cloned().unwrap_or_default();
+        poses.iter().filter_map(serde_json::Value::as_u64).collect()
+    };
+    let all = report["warnings"].as_array().unwrap();
+    all.iter().map(|warning| (warning["kind"].as_str().unwrap().to_string(), poses(warning))).collect()
+}
+
+#[test]
+fn what_is_left_out_is_a_warning_that_a_quiet_report_has_too_in_develop_and_in_compare() {
+    let folder = measured(8);
+    let path = folder.path();
+    put(path, 3, 4);
+    SbrdfMap::new(8, 8, 1).write_exr(&path.join("m.exr")).unwrap();
+    for command in [&["develop", "run", "-o", "s.zarr"], &["compare", "run", "m.exr"]] {
+        let said = run(path, &[&command[..], &["--report", "told.json"]].concat());
+        assert_eq!(said.code, Some(0), "{said:?}");
+        assert!(said.stderr.contains("warning: pose 4 is left out: the tags show"), "{}", said.stderr);
+        succeed(path, &[&command[..], &["--quiet", "--report", "quiet.json"]].concat());
+        for report in ["told.json", "quiet.json"] {
+            let left_out: Vec<_> =
+                warnings(&path.join(report)).into_iter().filter(|w| w.0 == "left_out").collect();
+            assert_eq!(left_out, [("left_out".to_string(), vec![4])], "{command:?} {report}");
+        }
+    }
+    // What was asked for is none.
+    succeed(path, &["develop", "run", "-o", "s.zarr", "--skip-pose", "4", "--report", "asked.json"]);
+    assert!(warnings(&path.join("asked.json")).iter().all(|(kind, _)| kind != "left_out"));
+    for pose in (1..8).rev() {
+        put(path, pose - 1, pose);
+    }
+    run(path, &["compare", "run", "m.exr"]).refuses(2, &["show the pose before theirs"]);
+    run(path, &["develop", "run", "-o", "no.zarr", "--skip-pose", "0-7"])
+        .refuses(2, &["all poses are left out"]);
+}
+
+/// The run's own plan and rig are those in its folder.
+#[test]
+fn a_run_goes_on_by_no_other_plan_and_rig_than_its_own() {
+    let folder = measured(2);
+    let path = folder.path();
+    let rig = fs::read_to_string(path.join("run/rig.toml")).unwrap();
+    fs::write(path.join("other.toml"), rig.replacen("read_noise_e = 6", "read_noise_e = 7", 1)).unwrap();
+    let resume = |more: &[&str]| {
+        let resume = ["acquire", "--resume", "--port", "sim", "--camera", "sim", "-o", "run"];
+        run(path, &[&resume[..], more].concat())
+    };
+    assert_eq!(resume(&["run/plan.toml", "--rig", "run/rig.toml"]).code, Some(0));
+    resume(&["--seed", "77"]).refuses(2, &["--seed is 77, but the run's is"]);
+    resume(&["--rig", "other.toml"]).refuses(2, &["other.toml: not the rig of the run"]);
+    let other = small::plan(&small::rig(8), 3);
+    other.write(&path.join("three.toml")).unwrap();
+    resume(&["three.toml"]).refuses(2, &["three.toml: not the plan of the run"]);
+}
+
+/// Stands for exposures that are all the same, by which nothing is told apart.
+const ANY_EXPOSURE: [&str; 2] = ["--set", "camera.exif=\"ignore\""];
+
+fn dark_frame(folder: &Path, index: usize) -> std::path::PathBuf {
+    folder.join(format!("run/frames/dark-{index:02}.tiff"))
+}
+
+/// A camera that is one photograph early gives the first of the poses for the last dark frame.
+#[test]
+fn a_photograph_in_a_dark_frames_place_is_refused_by_name_and_left_out_where_that_is_allowed() {
+    let folder = measured(3);
+    let path = folder.path();
+    let last = (0..).take_while(|index| dark_frame(path, *index).exists()).last().unwrap();
+    let develop = |store: &str, more: &[&str]| {
+        run(path, &[&["develop", "run", "-o", store], &ANY_EXPOSURE[..], more].concat())
+    };
+    assert_eq!(develop("right.zarr", &[]).code, Some(0));
+    for (dark, exposure) in [(0, 0), (0, 1), (last, 0), (last, 1)] {
+        let own = fs::read(dark_frame(path, dark)).unwrap();
+        fs::copy(photograph(path, 0, exposure), dark_frame(path, dark)).unwrap();
+        let name = format!("dark-{dark:02}.tiff");
+        develop("no.zarr", &[]).refuses(2, &[&name, "--partial leaves it out"]);
+        let partial = develop("part.zarr", &["--partial"]);
+        assert_eq!(partial.code, Some(0), "{}", partial.stderr);
+        assert!(partial.stderr.contains(&name), "{}", partial.stderr);
+        fs::write(dark_frame(path, dark), own).unwrap();
+        // The other dark frames say the same, within their noise.
+        let [right, part] =
+            ["right.zarr", "part.zarr"].map(|name| SampledSbrdf::read_zarr(&path.join(name)).unwrap());
+        for (a, b) in right.reflectance.iter().zip(&part.reflectance) {
+            assert!((a - b).abs() < 0.02 * a.abs() + 2e-3, "{name}: {a} {b}");
+        }
+    }
+}
+
+/// With two exposures a pose: one late, a pose's first shows what was before it, and its second the first.
+#[test]
+fn a_run_that_is_one_photograph_late_is_refused_and_told_so_and_a_single_such_pose_is_left_out() {
+    let folder = measured(6);
+    let path = folder.path();
+    let last = (0..).take_while(|index| dark_frame(path, *index).exists()).last().unwrap();
+    let mut frames = vec![dark_frame(path, last)];
+    frames.extend((0..6).flat_map(|pose| [0, 1].map(|exposure| photograph(path, pose, exposure))));
+    let late = |count: usize| {
+        for place in (1..count).rev() {
+            fs::copy(&frames[place - 1], &frames[place]).unwrap();
+        }
+    };
+    // Darkness for the short exposure of pose 0, and that one for the long exposure.
+    late(3);
+    let develop = [&["develop", "run", "-o", "sampled.zarr"], &ANY_EXPOSURE[..]].concat();
+    let said = run(path, &develop);
+    assert_eq!(said.code, Some(0), "{}", said.stderr);
+    assert!(said.stdout.contains("5 of 6 poses registered"), "{}", said.stdout);
+    assert!(said.stderr.contains("pose 0 is left out: frames/pose-00000-0.tiff and"), "{}", said.stderr);
+    fs::remove_dir_all(path.join("sampled.zarr")).unwrap();
+    late(frames.len());
+    run(path, &develop)
+        .refuses(2, &["the first show the pose before theirs", "photograph these poses again"]);
+    assert!(!path.join("sampled.zarr").exists());
 }
 
 /// The same photographs by another lens: the store says by which, texels and region are those asked for, and a part is the whole's.

@@ -6,7 +6,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use lobelia::reflectance::SbrdfMap;
-use lobelia_tests::command::{lobelia, root, run, said, succeed};
+use lobelia_tests::command::{executable, lobelia, root, run, said, succeed};
 use lobelia_tests::folder;
 use serde_json::Value;
 
@@ -82,6 +82,65 @@ fn arguments_in_the_wrong_place_are_named_for_what_they_are() {
     run(path, &["fit", "empty.zarr", "-o", "a.exr"]).refuses(2, &["empty.zarr", "a texel at least"]);
     let said = run(path, &["fit", "m.brdf"]);
     assert_eq!(said.stderr.matches("m.brdf").count(), 1, "the file is named once: {}", said.stderr);
+}
+
+/// Batch systems limit a process's addresses; an allocation beyond them ends it.
+#[cfg(target_os = "linux")]
+#[test]
+fn what_a_batch_system_does_not_allow_is_refused_before_the_work() {
+    let folder = tempfile::tempdir().unwrap();
+    let limited = "ulimit -v 4000000; exec \"$0\" render lamps -o a.png --width 16384 --height 16384";
+    let mut command = std::process::Command::new("sh");
+    command.arg("-c").arg(limited).arg(executable()).current_dir(folder.path());
+    said(command.output().unwrap()).refuses(2, &["16384 × 16384 pixels needs", "GiB", "--width less"]);
+}
+
+/// What each is, not what a parser stumbles over in it; numbers as they were written.
+#[test]
+fn sentences_name_the_mistake() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path();
+    fs::create_dir_all(path.join("run/frames")).unwrap();
+    fs::write(path.join("run/journal.jsonl"), "").unwrap();
+    succeed(path, &["synth", "clay", "--size", "4x4", "--poses", "30", "-o", "s.zarr"]);
+    fs::copy(case("map/negative-n.exr"), path.join("m.exr")).unwrap();
+    fs::copy(case("text/comment-first.dat"), path.join("t.dat")).unwrap();
+    let rig = succeed(path, &["template", "rig"]);
+    fs::write(path.join("rig.toml"), &rig).unwrap();
+    fs::write(path.join("latin.toml"), b"# \xe4\n").unwrap();
+    fs::write(path.join("late.toml"), rig.replacen("max_exposure_s = 2.0", "max_exposure_s = 61.0", 1))
+        .unwrap();
+    succeed(path, &["plan", "rig.toml", "--budget", "1", "-o", "plan.toml"]);
+    for (line, parts) in [
+        ("develop gone -o a.zarr", &["gone: there is no such run"][..]),
+        ("develop s.zarr -o a.zarr", &["s.zarr: a sampled SBRDF, not a run"]),
+        ("develop m.exr -o a.zarr", &["m.exr: an SBRDF map or a picture, not a run"]),
+        ("compare rig.toml m.exr", &["rig.toml: a file, not a run's folder"]),
+        ("compare run s.zarr", &["s.zarr: a sampled SBRDF, not an SBRDF map", "fit it first"]),
+        ("render rig.toml -o a.png", &["this is a rig, but a scene is needed"]),
+        ("render plan.toml -o a.png", &["this is a plan, but a scene is needed"]),
+        ("render run -o a.png", &["run: a run, not a scene"]),
+        ("plan m.exr --budget 4", &["m.exr: an SBRDF map or a picture, not a text in UTF-8"]),
+        ("plan latin.toml --budget 4", &["latin.toml: not a text in UTF-8; save it as one"]),
+        ("plan late.toml --budget 4", &["camera.max_exposure_s is 61, must lie in 0.0001 to 60"]),
+        ("plan rig.toml --budget 4 -o rig.toml", &["rig.toml: read as RIG", "written over by --output"]),
+        ("fit run -o a.exr", &["run: a run; develop it first"]),
+        ("fit --merge s.zarr -o a.exr", &["--merge names no shard"]),
+        ("fit t.dat --robust", &["--robust is for sampled SBRDFs"]),
+        ("fit s.zarr --wavelengths-nm 550 -o a.exr", &["--wavelengths-nm is for measured tables"]),
+        ("rig expose 0.00005 --dark --port sim", &["0.00005 s is not between 0.0001 and 60 s"]),
+        ("rig monitor --port sim --for-s -3", &["--for-s is -3, must be 0 to"]),
+        ("rig monitor --port sim --telemetry-s 0.001", &["--telemetry-s is 0.001, must be 0.02 to"]),
+        ("acquire plan.toml --rig rig.toml --port sim --camera foo -o new", &["--camera foo is not known"]),
+        ("acquire plan.toml --rig rig.toml --port= --camera watch:run -o new", &["--port is empty"]),
+    ] {
+        run(path, &line.split(' ').collect::<Vec<_>>()).refuses(2, parts);
+    }
+    assert_eq!(
+        fs::read_to_string(path.join("rig.toml")).unwrap(),
+        rig,
+        "what was measured by is still there"
+    );
 }
 
 /// The attribute of a map.

@@ -1,7 +1,7 @@
 //! Files that are there whole or not at all, see [`durable`]; outputs that are tried before the work.
 
 use std::io::Write;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use crate::durable;
 use crate::error::{Error, Result};
@@ -47,6 +47,64 @@ pub fn try_folder(path: &Path) -> Result<()> {
     durable::try_writing(&path.join("file")).map_err(|error| Error::writing(path, error))
 }
 
+/// Whether two names are those of one file or folder, which need not be there yet. What is neither, as a pipe, may be named twice.
+pub fn same(first: &Path, second: &Path) -> bool {
+    match (std::fs::metadata(first), std::fs::metadata(second)) {
+        (Ok(first_meta), Ok(second_meta)) => {
+            (first_meta.is_file() || first_meta.is_dir())
+                && (same_entry(&first_meta, &second_meta) || whole_name(first) == whole_name(second))
+        }
+        (Err(_), Err(_)) => whole_name(first) == whole_name(second),
+        _ => false,
+    }
+}
+
+#[cfg(unix)]
+fn same_entry(first: &std::fs::Metadata, second: &std::fs::Metadata) -> bool {
+    use std::os::unix::fs::MetadataExt;
+    (first.dev(), first.ino()) == (second.dev(), second.ino())
+}
+
+#[cfg(not(unix))]
+fn same_entry(_: &std::fs::Metadata, _: &std::fs::Metadata) -> bool {
+    false
+}
+
+/// A name from the root on, links followed as far as there is something.
+fn whole_name(path: &Path) -> PathBuf {
+    if let Ok(whole) = path.canonicalize() {
+        return whole;
+    }
+    match (path.parent(), path.file_name()) {
+        (Some(folder), Some(name)) => {
+            let folder = if folder.as_os_str().is_empty() { Path::new(".") } else { folder };
+            whole_name(folder).join(name)
+        }
+        _ => path.into(),
+    }
+}
+
+/// What a file or folder is that stands in another's place, by its content or its name's ending; none for what that does not tell.
+pub fn what_is(path: &Path) -> Option<&'static str> {
+    if path.is_dir() {
+        let has = |name: &str| path.join(name).is_file();
+        return Some(match (has("journal.jsonl"), has("zarr.json")) {
+            (true, _) => "a run",
+            (_, true) => "a sampled SBRDF",
+            _ => "a folder",
+        });
+    }
+    Some(match ending(path).as_str() {
+        "exr" => "an SBRDF map or a picture",
+        "hdr" | "pic" | "png" | "jpg" | "jpeg" => "a picture",
+        "tif" | "tiff" => "a photograph",
+        "gltf" | "glb" | "obj" | "ply" => "a mesh",
+        "zarr" => "a sampled SBRDF",
+        "brdf" | "binary" | "alta" => "a measured table",
+        _ => return None,
+    })
+}
+
 /// What a file's name ends in, in small letters whatever the name has; empty without a point.
 pub fn ending(path: &Path) -> String {
     path.extension().unwrap_or_default().to_string_lossy().to_lowercase()
@@ -69,12 +127,33 @@ pub fn create_folder(path: &Path) -> Result<()> {
 /// # Errors
 /// Input errors for a missing or non-UTF-8 file.
 pub fn read_text(path: &Path) -> Result<String> {
-    std::fs::read_to_string(path).map_err(|error| Error::reading(path, error))
+    let bytes = std::fs::read(path).map_err(|error| Error::reading(path, error))?;
+    let not_utf8 = || {
+        let what = what_is(path).map_or_else(|| "not".into(), |what| format!("{what}, not"));
+        Error::input(format!("{}: {what} a text in UTF-8; save it as one", path.display()))
+    };
+    String::from_utf8(bytes).map_err(|_| not_utf8())
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn names_of_one_file_are_told_to_be_that_whatever_they_look_like() {
+        let folder = tempfile::tempdir().unwrap();
+        let place = |name: &str| folder.path().join(name);
+        write_bytes(&place("a/file"), b"here").unwrap();
+        assert!(same(&place("a/file"), &place("a/../a/file")) && same(&place("a/new"), &place("a/./new")));
+        assert!(same(&place("b/c/new"), &place("b/c/new")) && !same(&place("a/file"), &place("a/new")));
+        assert!(same(Path::new("new"), Path::new("./new")) && !same(&place("a"), &place("a/file")));
+        write_bytes(&place("run/journal.jsonl"), b"").unwrap();
+        assert_eq!(what_is(&place("run")), Some("a run"));
+        assert_eq!(
+            (what_is(&place("a")), what_is(&place("m.EXR"))),
+            (Some("a folder"), Some("an SBRDF map or a picture"))
+        );
+    }
 
     #[test]
     fn an_output_that_cannot_be_is_told_before_the_work_by_its_name() {

@@ -23,12 +23,28 @@ pub fn check(bytes: u128, what: &str, instead: &str) -> Result<()> {
 }
 
 /// Where Linux tells how much the group of processes may have, as in a container: of version 2 and 1.
-const LIMITS: [&str; 2] = ["/sys/fs/cgroup/memory.max", "/sys/fs/cgroup/memory/memory.limit_in_bytes"];
+const GROUP_LIMITS: [&str; 2] = ["/sys/fs/cgroup/memory.max", "/sys/fs/cgroup/memory/memory.limit_in_bytes"];
 
 /// Bytes that the machine has, or fewer where this process may have no more, as Linux tells them.
 fn of_machine() -> u64 {
     let text = |path: &str| std::fs::read_to_string(path).unwrap_or_default();
-    least(&text("/proc/meminfo"), LIMITS.map(text))
+    let total = least(&text("/proc/meminfo"), GROUP_LIMITS.map(text));
+    // What the process has of its addresses already, its program and its threads, it cannot have again.
+    let taken = addresses_taken(&text("/proc/self/status"));
+    address_limit(&text("/proc/self/limits")).map_or(total, |limit| total.min(limit.saturating_sub(taken)))
+}
+
+/// Bytes of addresses that a process may have, by the text of its limits; batch systems set that. None where it is unlimited.
+fn address_limit(limits: &str) -> Option<u64> {
+    let line = limits.lines().find_map(|line| line.strip_prefix("Max address space"))?;
+    line.split_whitespace().next()?.parse().ok()
+}
+
+/// Bytes of addresses that a process has, by the text of its status.
+fn addresses_taken(status: &str) -> u64 {
+    let line = status.lines().find_map(|line| line.strip_prefix("VmSize:"));
+    let kib = line.and_then(|line| line.trim().trim_end_matches("kB").trim().parse::<u64>().ok());
+    kib.unwrap_or(0).saturating_mul(1024)
 }
 
 /// The least of the memory in the text of meminfo and of the limits; what is no number, as `max`, is none.
@@ -51,6 +67,17 @@ mod tests {
         assert_eq!(of("max\n", "9223372036854771712\n"), 4096 * 1024);
         assert_eq!([of("1048576\n", ""), of("max", "2097152\n")], [1 << 20, 1 << 21]);
         assert_eq!(least("", [String::new(), String::new()]), UNTOLD);
+    }
+
+    #[test]
+    fn a_batch_system_s_limit_is_read_and_none_where_there_is_none() {
+        let head = "Limit                     Soft Limit           Hard Limit           Units     \n";
+        let of = |soft: &str| {
+            address_limit(&format!("{head}Max address space         {soft}  unlimited  bytes\n"))
+        };
+        assert_eq!(of("4096000000"), Some(4_096_000_000));
+        assert_eq!((of("unlimited"), address_limit("")), (None, None));
+        assert_eq!(addresses_taken("VmPeak:  9 kB\nVmSize:\t    2048 kB\n"), 2 << 20);
     }
 
     #[test]

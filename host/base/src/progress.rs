@@ -142,9 +142,25 @@ pub fn duration(seconds: f64) -> String {
     }
 }
 
+/// `1 pose`, `2 poses`: a number with its noun.
+pub fn counted(count: impl Into<u64>, one: &str, more: &str) -> String {
+    match count.into() {
+        1 => format!("1 {one}"),
+        count => format!("{count} {more}"),
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn one_has_its_own_noun() {
+        assert_eq!(
+            [0u64, 1, 2].map(|count| counted(count, "pose", "poses")),
+            ["0 poses", "1 pose", "2 poses"]
+        );
+    }
 
     #[test]
     fn rates_have_two_digits_whatever_their_size() {

@@ -86,7 +86,7 @@ pub fn parse<T: DeserializeOwned>(text: &str, name: &str) -> Result<T> {
 fn sentence(message: &str) -> String {
     let quoted: Vec<&str> = message.split('`').skip(1).step_by(2).collect();
     if !message.starts_with("unknown field") || quoted.len() < 2 {
-        return message.replace('\n', " ").trim().to_string();
+        return plain(message.replace('\n', " ").trim());
     }
     let (unknown, known) = (quoted[0], &quoted[1..]);
     let nearest = known.iter().max_by(|a, b| {
@@ -94,6 +94,43 @@ fn sentence(message: &str) -> String {
     });
     let hint = nearest.map_or_else(String::new, |key| format!("; the nearest known key is `{key}`"));
     format!("unknown key `{unknown}`{hint} (known keys: {})", known.join(", "))
+}
+
+/// A parser's sentence with the types of the program's own language put in words.
+pub fn plain(message: &str) -> String {
+    const WORDS: [(&str, &str); 18] = [
+        ("usize", "a whole number, 0 or more"),
+        ("u8", "a whole number, 0 to 255"),
+        ("u16", "a whole number, 0 to 65535"),
+        ("u32", "a whole number, 0 to 4294967295"),
+        ("u64", "a whole number, 0 or more"),
+        ("i8", "a whole number"),
+        ("i16", "a whole number"),
+        ("i32", "a whole number"),
+        ("i64", "a whole number"),
+        ("f32", "a number"),
+        ("f64", "a number"),
+        ("a sequence", "a list"),
+        ("a map", "a table"),
+        ("a boolean", "true or false"),
+        ("a borrowed string", "a text"),
+        ("a string", "a text"),
+        ("unit", "nothing"),
+        ("path string", "the name of a file"),
+    ];
+    let Some((found, expected)) = message.split_once(", expected ") else { return message.to_string() };
+    let found = found.replace("floating point", "the number").replace("integer", "the number");
+    let found = found.replace("sequence", "a list").replace("map", "a table").replace("string", "the text");
+    let expected = match WORDS.iter().find(|(word, _)| *word == expected) {
+        Some((_, words)) => (*words).to_string(),
+        None if expected.starts_with("struct ") => "a table".into(),
+        None => ["f32 values", "f64 values"]
+            .iter()
+            .fold(expected.to_string(), |text, values| text.replace(values, "numbers"))
+            .replace("a sequence", "a list")
+            .replace("an array", "a list"),
+    };
+    format!("{found}, expected {expected}")
 }
 
 #[cfg(test)]
@@ -135,6 +172,29 @@ mod tests {
         // Of the right kind, but wrong: what is wrong is told.
         let message = read_as::<Lamp>(&rig, Kind::Rig).unwrap_err().to_string();
         assert!(message.contains("line 1") && message.contains("axes"), "{message}");
+    }
+
+    #[test]
+    fn no_type_of_the_programs_own_language_is_named() {
+        for (message, words) in [
+            (
+                "invalid type: floating point `100000.0`, expected usize",
+                "the number `100000.0`, expected a whole number, 0 or more",
+            ),
+            (
+                "invalid value: integer `-3`, expected usize",
+                "the number `-3`, expected a whole number, 0 or more",
+            ),
+            ("invalid type: string \"wide\", expected f64", "the text \"wide\", expected a number"),
+            ("invalid type: integer `3`, expected struct Camera", "the number `3`, expected a table"),
+            (
+                "invalid length 2, expected an array of length 3",
+                "invalid length 2, expected an array of length 3",
+            ),
+            ("missing field `n`", "missing field `n`"),
+        ] {
+            assert!(plain(message).ends_with(words), "{}", plain(message));
+        }
     }
 
     #[test]

@@ -18,6 +18,8 @@ pub enum Kind {
     Missing,
     /// Poses of which it is not known where light or camera stood.
     UnknownPose,
+    /// Poses and frames that are left out, because they are not what the run says.
+    LeftOut,
     /// A run that lasts longer than the lamp may burn.
     LampTime,
     /// Fewer poses than unknowns.

@@ -284,7 +284,8 @@ fn assemble(layer: exr_file::ExrLayer) -> Result<SbrdfMap, FormatError> {
     };
     let (lobes, coats) = (count(COUNTS[0], "lobe"), count(COUNTS[1], "ggx"));
     map.rho_d = take_vectors(&mut planes, "rho_d", ["R", "G", "B"])?;
-    map.beta = planes.remove("beta").unwrap_or_else(|| vec![0.0; width * height]);
+    let beta = planes.remove("beta");
+    let has_sigma = planes.contains_key("sigma.beta");
     if planes.contains_key("normal.x") || planes.contains_key("normal.y") {
         let (x, y) = (take(&mut planes, "normal.x")?, take(&mut planes, "normal.y")?);
         map.normal = x.into_iter().zip(y).map(|(x, y)| Vec2::new(x, y)).collect();
@@ -298,6 +299,13 @@ fn assemble(layer: exr_file::ExrLayer) -> Result<SbrdfMap, FormatError> {
             n_grazing: planes.remove(&format!("lobe{j}.n_grazing")).unwrap_or_default(),
         });
     }
+    // Lobes that are round about the normal need no direction.
+    let turned = map.lobes.iter().any(|lobe| lobe.c.iter().any(|c| c.x != c.y));
+    map.beta = match beta {
+        Some(beta) => beta,
+        None if has_sigma || turned => take(&mut planes, "beta")?,
+        None => vec![0.0; width * height],
+    };
     for j in 0..coats {
         map.microfacets.push(MicrofacetPlane {
             f0: take_vectors(&mut planes, &format!("ggx{j}.f0"), ["R", "G", "B"])?,
@@ -413,14 +421,34 @@ mod tests {
 
     /// A map's file without one of its channels, as a program that cannot hold them all would store it.
     fn without(removed: &str) -> String {
+        read_without(&example(), removed).unwrap_err().to_string()
+    }
+
+    fn read_without(map: &SbrdfMap, removed: &str) -> Result<SbrdfMap, crate::FormatError> {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("map.exr");
-        example().write_exr(&path).unwrap();
+        map.write_exr(&path).unwrap();
         let mut image = exr::prelude::read_first_flat_layer_from_file(&path).unwrap();
         let list = &mut image.layer_data.channel_data.list;
         list.retain(|channel| !channel.name.to_string().starts_with(removed));
         exr::prelude::WritableImage::write(&image).to_file(&path).unwrap();
-        SbrdfMap::read_exr(&path).unwrap_err().to_string()
+        SbrdfMap::read_exr(&path)
+    }
+
+    /// Turned by 0 where nothing is said is right for lobes round about the normal alone.
+    #[test]
+    fn a_map_that_lost_the_direction_of_its_lobes_is_refused_where_it_needs_one() {
+        let mut round = example();
+        round.lobes.iter_mut().for_each(|lobe| lobe.c.iter_mut().for_each(|c| c.y = c.x));
+        round.beta.fill(0.0);
+        assert_eq!(read_without(&round, "beta").unwrap(), round);
+        let (mut turned, mut fitted) = (round.clone(), round);
+        turned.lobes[1].c[4].y *= 0.5;
+        fitted.extra.insert("sigma.beta".into(), vec![0.1; 6]);
+        for map in [turned, fitted] {
+            let text = read_without(&map, "beta").unwrap_err().to_string();
+            assert!(text.contains("no channel beta,"), "{text}");
+        }
     }
 
     #[test]

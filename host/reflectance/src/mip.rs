@@ -7,7 +7,9 @@
 use std::path::{Path, PathBuf};
 
 use half::f16;
+use sha2::{Digest, Sha256};
 
+use crate::{Rgb, SbrdfMap};
 use crate::sampled::{SampledSbrdf, SampledStore, Window};
 use lobelia_base::error::Result;
 
@@ -24,6 +26,30 @@ pub fn last(size: [usize; 2]) -> u32 {
 /// The file of a level beside that of the finest: `material.exr`, `material.mip1.exr`, …
 pub fn path(finest: &Path, level: u32) -> PathBuf {
     finest.with_extension(format!("mip{level}.exr"))
+}
+
+/// The attribute of a level that tells whose it is: [`fingerprint`] of the finest.
+pub const OF: &str = "mip.of";
+
+/// A hash of a map's size and coefficients, by which its levels know it.
+pub fn fingerprint(finest: &SbrdfMap) -> String {
+    let mut hash = Sha256::new();
+    let mut add =
+        |values: &mut dyn Iterator<Item = f32>| values.for_each(|value| hash.update(value.to_le_bytes()));
+    let vectors = |plane: &[Rgb]| plane.iter().flat_map(|v| v.to_array()).collect::<Vec<_>>();
+    add(&mut [finest.width as f32, finest.height as f32].into_iter());
+    add(&mut vectors(&finest.rho_d).into_iter());
+    add(&mut finest.beta.iter().copied());
+    add(&mut finest.normal.iter().flat_map(|normal| normal.to_array()));
+    for lobe in &finest.lobes {
+        add(&mut vectors(&lobe.rho_s).into_iter().chain(vectors(&lobe.c)));
+        add(&mut lobe.n.iter().chain(&lobe.n_grazing).copied());
+    }
+    for coat in &finest.microfacets {
+        add(&mut vectors(&coat.f0).into_iter().chain(vectors(&coat.f90)));
+        add(&mut coat.alpha.iter().copied());
+    }
+    hash.finalize().iter().map(|byte| format!("{byte:02x}")).collect()
 }
 
 /// The samples of a window of a level, averaged over the valid ones of its texels; read chunk by chunk, with standard deviations where asked for

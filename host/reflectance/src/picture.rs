@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use exr::prelude::{Encoding, Image, LineOrder, SpecificChannels, WritableImage};
+use exr::prelude::{Blocks, Compression, Encoding, Image, LineOrder, SpecificChannels, WritableImage};
 use glam::Vec4;
 
 use crate::{Rgb, colour, exr_file};
@@ -124,8 +124,13 @@ impl Picture {
             let pixel = self.pixels[at.y() * self.width + at.x()];
             (pixel.x, pixel.y, pixel.z, pixel.w)
         });
-        // Tiles in order: unordered ones are written as the threads that compress them end, other bytes each time.
-        let encoding = Encoding { line_order: LineOrder::Increasing, ..Encoding::FAST_LOSSLESS };
+        // Deflated lines are what every program that shows pictures opens. In order: unordered ones are written as the threads that
+        // compress them end, other bytes each time.
+        let encoding = Encoding {
+            compression: Compression::ZIP16,
+            blocks: Blocks::ScanLines,
+            line_order: LineOrder::Increasing,
+        };
         let image = Image::from_encoded_channels((self.width, self.height), encoding, channels);
         let mut bytes = std::io::Cursor::new(Vec::new());
         image.write().to_buffered(&mut bytes).map_err(|error| Error::writing(path, error))?;

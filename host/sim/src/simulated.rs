@@ -48,7 +48,7 @@ pub struct SimulatedCamera {
 
 impl SimulatedCamera {
     /// Writes what the sensor recorded of the exposure just made.
-    fn store(&mut self, file: &Path, shot: &Shot) -> Result<()> {
+    fn store(&mut self, file: &Path, shot: &Shot<'_>) -> Result<()> {
         let truth =
             self.rig.last_exposure().ok_or_else(|| Error::failure("the simulated shutter never opened"))?;
         let stale = self.last.as_ref().is_none_or(|(angles, _)| *angles != truth.axes_rad);

@@ -7,7 +7,7 @@ use lobelia_measure::rig::config::RigConfig;
 pub enum Size {
     /// 48 × 48 texels, 80 poses: seconds
     Small,
-    /// 128 × 128 texels, 200 poses: about a minute
+    /// 128 × 128 texels, 200 poses: about half a minute
     Medium,
     /// 256 × 256 texels, 400 poses: many minutes
     Full,

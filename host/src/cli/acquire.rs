@@ -1,11 +1,10 @@
 //! `lobelia acquire`: drives a rig and its camera through a plan.
 
 use std::path::{Path, PathBuf};
-use std::time::Duration;
 
 use clap::Args;
 
-use super::Context;
+use super::{Context, seconds_of};
 use crate::acquire::WatchedFolder;
 use crate::acquire::journal;
 use crate::acquire::station::Station;
@@ -14,6 +13,7 @@ use crate::error::{Error, Result};
 use crate::files;
 use crate::interrupt;
 use crate::plan::{Plan, lamp};
+use crate::progress::counted;
 use crate::rig::config::RigConfig;
 use crate::rig::trace::Recorder;
 use crate::rig::{RigClient, open_port};
@@ -58,6 +58,7 @@ pub(super) fn run(args: &AcquireArgs, context: &mut Context) -> Result<()> {
     // A new run's folder is laid out last: a rig that does not answer leaves nothing behind.
     let (run, mut journal, mut station) = if args.resume {
         let (run, journal) = RunFolder::resume(&args.output)?;
+        same_run(args, &run, context.given_seed)?;
         if run.finished() {
             context.note(format!("{}: the run is complete already", args.output.display()));
             return Ok(());
@@ -86,12 +87,40 @@ pub(super) fn run(args: &AcquireArgs, context: &mut Context) -> Result<()> {
     context.report.figure("controller_s", acquired.controller_s);
     let path = args.output.display();
     println!(
-        "{path}: {} poses photographed, {:.0} s by the rig's clock",
-        acquired.poses, acquired.controller_s
+        "{path}: {} photographed, {:.0} s by the rig's clock",
+        counted(acquired.poses as u64, "pose", "poses"),
+        acquired.controller_s
     );
     context.report.figure(samples::BY_POSE, samples::by_pose(&acquired.samples));
     context.warn(samples::warnings(Step::Acquire, &acquired.samples));
     Ok(())
+}
+
+/// A resumed run goes on by its own plan and rig: others that are named beside it must be the same.
+fn same_run(args: &AcquireArgs, run: &RunFolder, seed: Option<u64>) -> Result<()> {
+    let own = run.rig.simulator.seed;
+    if let Some(seed) = seed.filter(|seed| *seed != own) {
+        let message =
+            format!("--seed is {seed}, but the run's is {own}, by which --resume goes on; leave it out");
+        return Err(Error::input(message));
+    }
+    let differs = |path: &Path, what: &str| {
+        let message =
+            format!("not {what} of the run, by which --resume goes on; leave it out, or begin another run");
+        Err(Error::input(format!("{}: {message}", path.display())))
+    };
+    if let Some(path) = &args.rig {
+        let mut rig = RigConfig::read(path)?;
+        // --seed may have given the run another.
+        rig.simulator.seed = own;
+        if rig != run.rig {
+            return differs(path, "the rig");
+        }
+    }
+    match &args.plan {
+        Some(path) if Plan::read(path, &run.rig)? != run.plan => differs(path, "the plan"),
+        _ => Ok(()),
+    }
 }
 
 fn read_inputs(args: &AcquireArgs, context: &mut Context) -> Result<(Plan, RigConfig)> {
@@ -113,18 +142,19 @@ fn read_inputs(args: &AcquireArgs, context: &mut Context) -> Result<(Plan, RigCo
 }
 
 fn connect(args: &AcquireArgs, material: Option<&Path>, rig: &RigConfig) -> Result<Station> {
-    match (args.port.as_str(), args.camera.as_str()) {
+    let camera = args.camera.as_str();
+    if camera != "sim" && !camera.starts_with("watch:") {
+        let message = format!("--camera {camera} is not known; it is sim or watch:DIR");
+        return Err(Error::input(message));
+    }
+    match (args.port.as_str(), camera) {
         ("sim", "sim") => simulated(material, rig),
         ("sim", _) | (_, "sim") => Err(Error::input(
             "--port sim and --camera sim go together: the simulated camera sees the simulated rig",
         )),
         (port, camera) => {
-            let Some(folder) = camera.strip_prefix("watch:") else {
-                let message = format!("--camera {camera} is not known; it is sim or watch:DIR");
-                return Err(Error::input(message));
-            };
-            let timeout = Duration::try_from_secs_f64(args.camera_timeout_s)
-                .map_err(|error| Error::input(format!("--camera-timeout-s: {error}")))?;
+            let folder = camera.strip_prefix("watch:").unwrap_or(camera);
+            let timeout = seconds_of("--camera-timeout-s", args.camera_timeout_s, 0.0)?;
             let folder = WatchedFolder::new(Path::new(folder), timeout)?;
             Ok(Station::new(RigClient::connect(open_port(port)?)?, Box::new(folder)))
         }

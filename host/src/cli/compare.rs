@@ -10,7 +10,9 @@ use crate::compare::{self, Comparison};
 use crate::error::{Error, Result};
 use crate::figures::ErrorFigure;
 use crate::files;
+use crate::progress::counted;
 use crate::reflectance::SbrdfMap;
+use crate::warning::{Kind, Warning};
 
 /// Renders poses of a run from the fitted map with the rig's own camera and light, and shows photograph, rendering and
 /// difference.
@@ -44,6 +46,11 @@ pub(super) fn run(args: &CompareArgs, context: &mut Context) -> Result<()> {
             args.run.display()
         )));
     }
+    if let Some(what) = files::what_is(&args.material).filter(|_| files::ending(&args.material) != "exr") {
+        let hint = if what == "a sampled SBRDF" { "; fit it first" } else { "" };
+        let message = format!("{what}, not an SBRDF map, which `fit` writes as .exr{hint}");
+        return Err(Error::input(format!("{}: {message}", args.material.display())));
+    }
     files::try_folder(&args.output)?;
     context.run_input(&args.run);
     args.measured_in.iter().for_each(|run| context.run_input(run));
@@ -52,6 +59,11 @@ pub(super) fn run(args: &CompareArgs, context: &mut Context) -> Result<()> {
     let measured_in = args.measured_in.as_deref();
     let (comparison, chart) =
         context.report.stage("compare", || compare::run(&args.run, &map, &args.pose, measured_in))?;
+    for (pose, why) in &comparison.left_out {
+        let text = format!("pose {pose} is left out: {why}");
+        context.warn([Warning { poses: vec![*pose], ..Warning::new(Kind::LeftOut, text) }]);
+    }
+    context.warn(comparison.notes.iter().map(|note| Warning::new(Kind::LeftOut, note)));
     let compared = &comparison.poses;
     let page = chart.write(&args.output)?;
     let median = |value: fn(&compare::Difference) -> f64| {
@@ -73,9 +85,9 @@ pub(super) fn run(args: &CompareArgs, context: &mut Context) -> Result<()> {
     let photographs = format!("{} photographs", compared.len());
     context.report.errors.extend(comparison.by_angle.figures(&photographs));
     println!(
-        "{}: {} poses, median PSNR {psnr_db:.1} dB, mean ΔE {delta_e:.2}, relative RMS {:.2} %",
+        "{}: {}, median PSNR {psnr_db:.1} dB, mean ΔE {delta_e:.2}, relative RMS {:.2} %",
         page.display(),
-        compared.len(),
+        counted(compared.len() as u64, "pose", "poses"),
         100.0 * relative
     );
     by_angle(&comparison);

@@ -54,6 +54,12 @@ pub(super) fn run(args: &DemoArgs, context: &mut Context) -> Result<()> {
     settings.check()?;
     args.material.iter().for_each(|path| context.report.input(path));
     files::try_folder(&args.out)?;
+    let run = args.out.join("run");
+    let is_in_run = |path: &PathBuf| path.ancestors().any(|folder| files::same(folder, &run));
+    if let Some(material) = args.material.iter().find(|path| is_in_run(path)) {
+        let message = "in the run of an earlier demo, which is removed; copy it elsewhere";
+        return Err(Error::input(format!("{}: {message}", material.display())));
+    }
     clear(&args.out)?;
     let outcome = demo::run(&args.out, &settings, &mut context.report)?;
     let (pictures, no_gpu) = pictures::render(

@@ -1,5 +1,6 @@
 //! `lobelia develop`: a run's photographs to a sampled SBRDF.
 
+use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
@@ -14,8 +15,8 @@ use crate::files;
 use crate::report::Report;
 use crate::rig::config::RigConfig;
 use crate::sampled::{Attributes, SampledSbrdf, Window, attributes_of};
-use crate::warning::directions;
 use crate::warning::samples::{self, Step};
+use crate::warning::{Kind, Warning, directions};
 
 /// Arguments of `lobelia develop`.
 #[derive(Debug, Args)]
@@ -104,7 +105,7 @@ pub(super) fn run(args: &DevelopArgs, context: &mut Context) -> Result<()> {
     args.rig.iter().for_each(|path| context.report.input(path));
     let (options, mut attributes) = args.options()?;
     let developed = context.report.stage("develop", || develop::run_with(&args.run, &options))?;
-    tell(&developed, context);
+    tell(&developed, &options.skip, context);
     // The journal has times of its own, which a run that was interrupted has otherwise.
     let mut made = Report { inputs: Vec::new(), ..context.report.clone() };
     [PLAN_FILE, RIG_FILE].iter().for_each(|name| made.input(&args.run.join(name)));
@@ -128,19 +129,27 @@ fn warn(developed: &Developed, context: &mut Context) {
     context.warn(directions::shape(&seen, options.isotropic));
 }
 
-/// Says what was left out, and why.
-fn tell(developed: &Developed, context: &Context) {
+/// Warns of what was left out, and says why. What was asked for is no warning.
+fn tell(developed: &Developed, skip: &BTreeSet<usize>, context: &mut Context) {
+    let warning = |text: String, poses: Vec<usize>| Warning { poses, ..Warning::new(Kind::LeftOut, text) };
+    let mut wrong = Vec::new();
     for (index, registration) in developed.registrations.iter().enumerate() {
         match registration {
-            Err(why) => context.note(format!("pose {index} is left out: {why}")),
+            Err(why) if skip.contains(&index) => context.note(format!("pose {index} is left out: {why}")),
+            Err(why) => {
+                wrong.push(index);
+                context.warn([warning(format!("pose {index} is left out: {why}"), vec![index])]);
+            }
             Ok(found) => context.detail(format!(
                 "pose {index}: {} tags, RMS {:.3} mm on the sample",
                 found.tags, found.residual_mm
             )),
         }
     }
-    developed.left_out.iter().for_each(|why| context.note(format!("a frame is left out: {why}")));
-    developed.common_fault.iter().for_each(|fault| context.note(fault));
+    let frames =
+        developed.left_out.iter().map(|why| warning(format!("a frame is left out: {why}"), Vec::new()));
+    context.warn(frames);
+    context.warn(developed.common_fault.iter().map(|fault| warning(fault.clone(), wrong.clone())));
 }
 
 fn sum_up(developed: &Developed, output: &Path, context: &mut Context) {

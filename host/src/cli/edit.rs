@@ -4,20 +4,25 @@ use std::path::{Path, PathBuf};
 
 use clap::{Args, Subcommand};
 
-use super::Context;
+use super::{Context, map_encoding};
+use crate::edit::pairs::Pairs;
 use crate::edit::picture::{Mask, Photo};
 use crate::edit::{self, cluster, composite, diffuse, palette, photo, tile};
 use crate::error::{Error, Result};
 use crate::figures::ErrorFigure;
 use crate::files;
 use crate::fit::MOST_LOBES;
-use crate::reflectance::SbrdfMap;
+use crate::progress::counted;
+use crate::reflectance::{LobeBrdf, MapEncoding, SbrdfMap};
 
 /// Arguments of `lobelia edit`.
 #[derive(Debug, Args)]
 pub(super) struct EditArgs {
     #[command(subcommand)]
     edit: Edit,
+    /// Writes the map in lines deflated by ZIP, which every program that reads OpenEXR opens, instead of in tiles, which are faster
+    #[arg(long, global = true)]
+    scanlines: bool,
 }
 
 /// What can be done.
@@ -151,14 +156,18 @@ struct TileArgs {
 
 /// Runs `lobelia edit`.
 pub(super) fn run(args: &EditArgs, context: &mut Context) -> Result<()> {
+    let encoding = map_encoding(args.scanlines);
     match &args.edit {
+        Edit::Cluster(_) if args.scanlines => {
+            Err(Error::input("--scanlines is for edits that write a map; cluster writes a palette"))
+        }
         Edit::Cluster(args) => run_cluster(args, context),
-        Edit::Palette(args) => run_palette(args, context),
-        Edit::Mean(args) => run_mean(args, context),
-        Edit::Composite(args) => run_composite(args, context),
-        Edit::ReplaceDiffuse(args) => run_replace(args, context),
-        Edit::FromPhoto(args) => run_photo(args, context),
-        Edit::Tile(args) => run_tile(args, context),
+        Edit::Palette(args) => run_palette(args, encoding, context),
+        Edit::Mean(args) => run_mean(args, encoding, context),
+        Edit::Composite(args) => run_composite(args, encoding, context),
+        Edit::ReplaceDiffuse(args) => run_replace(args, encoding, context),
+        Edit::FromPhoto(args) => run_photo(args, encoding, context),
+        Edit::Tile(args) => run_tile(args, encoding, context),
     }
 }
 
@@ -206,7 +215,12 @@ fn name(path: &Path) -> String {
 }
 
 /// Notes the edit with the hashes of its inputs, writes the map and says so.
-fn finish(mut map: SbrdfMap, what: &str, output: &Path, context: &Context) -> Result<()> {
+fn finish(
+    mut map: SbrdfMap,
+    what: &str,
+    (output, encoding): (&Path, MapEncoding),
+    context: &Context,
+) -> Result<()> {
     let inputs = context.report.inputs.iter().map(|input| {
         let sha256 = input.sha256.as_deref().unwrap_or("unknown");
         format!("{} sha256 {sha256}", name(Path::new(&input.path)))
@@ -215,8 +229,9 @@ fn finish(mut map: SbrdfMap, what: &str, output: &Path, context: &Context) -> Re
     // What made the map before is in its notes; a date of it would be taken for this one's.
     map.attributes.retain(|name, _| !name.starts_with("made."));
     map.attributes.extend(context.report.provenance());
-    map.write_exr(output).map_err(|error| Error::writing(output, error))?;
-    println!("{}: {} × {} texels, {} lobes", output.display(), map.width, map.height, map.lobes.len());
+    map.write_exr_as(output, encoding).map_err(|error| Error::writing(output, error))?;
+    let lobes = counted(map.lobes.len() as u64, "lobe", "lobes");
+    println!("{}: {} × {} texels, {lobes}", output.display(), map.width, map.height);
     Ok(())
 }
 
@@ -226,12 +241,14 @@ fn run_cluster(args: &ClusterArgs, context: &mut Context) -> Result<()> {
     let map = read_map(&args.map, context)?;
     let seed = context.seed;
     let clusters = context.report.stage("cluster", || cluster::cluster(&map, args.count, seed))?;
+    computed(&map, &args.map, clusters.relative + clusters.relative_of_texels)?;
     let whole = clusters.index.len() as f64;
     let share = |&count: &usize| format!("{count} texels, {:.1} %", 100.0 * count as f64 / whole);
     let notes: Vec<String> = clusters.count.iter().map(share).collect();
     let entries = palette::with_swatches(clusters.palette);
     files::write_bytes(&args.output, palette::to_toml(&entries, &notes).as_bytes())?;
-    palette::write_index(&args.index, map.width, map.height, &clusters.index, &entries)?;
+    let alpha = map.extra.get(edit::ALPHA).map(Vec::as_slice);
+    palette::write_index_cut(&args.index, (map.width, map.height), &clusters.index, alpha, &entries)?;
     for (name, error) in [
         ("palette_relative_l2", clusters.relative),
         ("palette_of_texels_relative_l2", clusters.relative_of_texels),
@@ -240,9 +257,9 @@ fn run_cluster(args: &ClusterArgs, context: &mut Context) -> Result<()> {
         context.report.errors.push(figure.with("brdfs", entries.len()));
     }
     println!(
-        "{}: {} BRDFs; {}: {} × {} texels; reflectance off by {:.2} %, by the nearest texels in their place {:.2} % (relative L2, weighted by cosθ_i cosθ_o)",
+        "{}: {}; {}: {} × {} texels; reflectance off by {:.2} %, by the nearest texels in their place {:.2} % (relative L2, weighted by cosθ_i cosθ_o)",
         args.output.display(),
-        entries.len(),
+        counted(entries.len() as u64, "BRDF", "BRDFs"),
         args.index.display(),
         map.width,
         map.height,
@@ -252,16 +269,16 @@ fn run_cluster(args: &ClusterArgs, context: &mut Context) -> Result<()> {
     Ok(())
 }
 
-fn run_palette(args: &PaletteArgs, context: &mut Context) -> Result<()> {
+fn run_palette(args: &PaletteArgs, encoding: MapEncoding, context: &mut Context) -> Result<()> {
     ends_in(&args.output, "exr")?;
     context.report.input(&args.palette);
     context.report.input(&args.index);
     let entries = palette::read(&args.palette)?;
     let map = palette::apply(&args.index, &entries)?;
-    finish(map, &format!("palette of {} BRDFs", entries.len()), &args.output, context)
+    finish(map, &format!("palette of {} BRDFs", entries.len()), (&args.output, encoding), context)
 }
 
-fn run_mean(args: &MeanArgs, context: &mut Context) -> Result<()> {
+fn run_mean(args: &MeanArgs, encoding: MapEncoding, context: &mut Context) -> Result<()> {
     ends_in(&args.output, "exr")?;
     let map = read_map(&args.map, context)?;
     let mask = args.mask.as_deref().map(|path| read_mask(path, context)).transpose()?;
@@ -275,13 +292,41 @@ fn run_mean(args: &MeanArgs, context: &mut Context) -> Result<()> {
         )));
     }
     let mean = context.report.stage("mean", || composite::mean(&map, mask.as_ref(), lobes))?;
+    computed(&map, &args.map, mean.relative)?;
     let over = format!("{} pairs of directions", edit::blend::PAIRS);
     context
         .report
         .errors
         .push(ErrorFigure::new("blend_relative_l2", mean.relative, "1", over).with("lobes", lobes));
     println!("the fit leaves {:.2} % of the mean reflectance (relative L2)", 100.0 * mean.relative);
-    finish(SbrdfMap::from_texels(1, 1, &[mean.brdf]), "mean by reflectance", &args.output, context)
+    finish(
+        SbrdfMap::from_texels(1, 1, &[mean.brdf]),
+        "mean by reflectance",
+        (&args.output, encoding),
+        context,
+    )
+}
+
+/// Refuses a map whose coefficients are numbers, but not such as can be computed with: what became of them is not.
+fn computed(map: &SbrdfMap, path: &Path, result: f64) -> Result<()> {
+    if result.is_finite() {
+        return Ok(());
+    }
+    let place = absurd_texel(map).map_or_else(String::new, |k| {
+        format!("; look at the coefficients of texel ({}, {})", k % map.width, k / map.width)
+    });
+    let message = "its reflectance is too large to compute with";
+    Err(Error::input(format!("{}: {message}{place}", path.display())))
+}
+
+/// The first texel whose reflectance has no square in single precision.
+fn absurd_texel(map: &SbrdfMap) -> Option<usize> {
+    let pairs = Pairs::over(std::iter::empty::<&LobeBrdf>(), edit::blend::PAIRS);
+    let absurd = |k: &usize| {
+        let albedo = pairs.albedo(&map.texel(*k));
+        !albedo.is_finite() || albedo.abs().max_element() > f32::MAX.sqrt() / 1e3
+    };
+    (0..map.width * map.height).find(absurd)
 }
 
 /// Refuses a picture or a map of another size than the first map's.
@@ -290,27 +335,32 @@ fn sizes(paths: [&Path; 2], map: &SbrdfMap, other: (usize, usize)) -> Result<()>
     edit::same_size([&names[0], &names[1]], (map.width, map.height), other)
 }
 
-fn run_composite(args: &CompositeArgs, context: &mut Context) -> Result<()> {
+fn run_composite(args: &CompositeArgs, encoding: MapEncoding, context: &mut Context) -> Result<()> {
     ends_in(&args.output, "exr")?;
     let (base, over) = (read_map(&args.base, context)?, read_map(&args.over, context)?);
     let mask = read_mask(&args.mask, context)?;
     sizes([&args.base, &args.over], &base, (over.width, over.height))?;
     sizes([&args.base, &args.mask], &base, (mask.width, mask.height))?;
     let (map, worst) = context.report.stage("composite", || composite::composite(&base, &over, &mask));
+    if !worst.is_finite() {
+        let of_base = absurd_texel(&base).is_some();
+        let (map, path) = if of_base { (&base, &args.base) } else { (&over, &args.over) };
+        computed(map, path, worst)?;
+    }
     let over = format!("worst of {} texels", mask.share.len());
     context.report.errors.push(ErrorFigure::new("blend_relative_l2", worst, "1", over));
-    finish(map, "composite by a mask", &args.output, context)
+    finish(map, "composite by a mask", (&args.output, encoding), context)
 }
 
-fn run_replace(args: &ReplaceArgs, context: &mut Context) -> Result<()> {
+fn run_replace(args: &ReplaceArgs, encoding: MapEncoding, context: &mut Context) -> Result<()> {
     ends_in(&args.output, "exr")?;
     let map = read_map(&args.map, context)?;
     let photo = read_photo(&args.photo, context)?;
     let replaced = diffuse::replace(&map, &photo).map_err(|error| error.at(args.photo.display()))?;
-    finish(replaced, "diffuse channel by a photograph, mean kept", &args.output, context)
+    finish(replaced, "diffuse channel by a photograph, mean kept", (&args.output, encoding), context)
 }
 
-fn run_photo(args: &PhotoArgs, context: &mut Context) -> Result<()> {
+fn run_photo(args: &PhotoArgs, encoding: MapEncoding, context: &mut Context) -> Result<()> {
     ends_in(&args.output, "exr")?;
     let recipe = photo::Recipe {
         n: args.n,
@@ -322,11 +372,17 @@ fn run_photo(args: &PhotoArgs, context: &mut Context) -> Result<()> {
     };
     recipe.check()?;
     let picture = read_photo(&args.photo, context)?;
-    let map = photo::from_photo(&picture, &recipe, context.seed)?;
-    finish(map, &format!("from a photograph, {recipe:?}, seed {}", context.seed), &args.output, context)
+    let map =
+        photo::from_photo(&picture, &recipe, context.seed).map_err(|error| error.at(args.photo.display()))?;
+    finish(
+        map,
+        &format!("from a photograph, {recipe:?}, seed {}", context.seed),
+        (&args.output, encoding),
+        context,
+    )
 }
 
-fn run_tile(args: &TileArgs, context: &mut Context) -> Result<()> {
+fn run_tile(args: &TileArgs, encoding: MapEncoding, context: &mut Context) -> Result<()> {
     ends_in(&args.output, "exr")?;
     let map = read_map(&args.map, context)?;
     let overlap = args.overlap.unwrap_or_else(|| (map.width.min(map.height) / 8).max(1));
@@ -339,7 +395,12 @@ fn run_tile(args: &TileArgs, context: &mut Context) -> Result<()> {
     println!(
         "borders differ by {overlapping:.2} of the step between neighbours all over, by {seam:.2} along the seams"
     );
-    finish(tile.map, &format!("tileable by a seam in an overlap of {overlap} texels"), &args.output, context)
+    finish(
+        tile.map,
+        &format!("tileable by a seam in an overlap of {overlap} texels"),
+        (&args.output, encoding),
+        context,
+    )
 }
 
 #[cfg(test)]
@@ -398,6 +459,23 @@ mod tests {
         assert!(b.attributes["edit.1"].contains("palette of 2 BRDFs; p.toml sha256 "), "{:?}", b.attributes);
     }
 
+    /// OpenEXR's compression, by its header: 3 is ZIP of 16 lines; a version with bit 9 has tiles.
+    #[test]
+    fn lines_are_written_where_they_are_asked_for() {
+        let folder = folder();
+        let of = |line: &str| {
+            edit(folder.path(), line).unwrap();
+            let bytes = std::fs::read(folder.path().join("o.exr")).unwrap();
+            let key = b"compression\0compression\0";
+            let place = bytes.windows(key.len()).position(|part| part == key).unwrap();
+            (bytes[5] & 2 != 0, bytes[place + key.len() + 4])
+        };
+        let (tiles, _) = of("tile a.exr --overlap 2 -o o.exr");
+        assert!(tiles);
+        assert_eq!(of("tile a.exr --overlap 2 -o o.exr --scanlines"), (false, 3));
+        assert!(edit(folder.path(), "cluster a.exr -o p.toml --index i.png --scanlines").is_err());
+    }
+
     #[test]
     fn every_edit_writes_a_map_that_says_what_was_done() {
         let folder = folder();
@@ -413,6 +491,22 @@ mod tests {
             let map = SbrdfMap::read_exr(&path.join("o.exr")).unwrap();
             assert_eq!((map.width, map.height), size, "{line}");
             assert!(map.attributes["edit.1"].contains(note), "{line}: {:?}", map.attributes);
+        }
+    }
+
+    /// Finite, but its square is not in single precision.
+    #[test]
+    fn a_coefficient_that_nothing_can_be_computed_with_is_told_by_its_texel_and_nothing_is_written() {
+        let folder = folder();
+        let path = folder.path();
+        let mut map = SbrdfMap::read_exr(&path.join("a.exr")).unwrap();
+        map.rho_d[11] = crate::reflectance::Rgb::splat(1e30);
+        map.write_exr(&path.join("b.exr")).unwrap();
+        for line in ["mean b.exr --lobes 1 -o o.exr", "cluster b.exr -k 2 -o o.toml --index o.png"] {
+            let error = edit(path, line).unwrap_err();
+            let named = error.to_string().contains("b.exr: its reflectance is too large");
+            assert!(named && error.to_string().contains("texel (3, 1)"), "{line}: {error}");
+            assert!(error.exit_code() == 2 && !path.join("o.exr").exists() && !path.join("o.toml").exists());
         }
     }
 

@@ -88,6 +88,12 @@ pub(super) fn run(args: &PrefilterArgs, context: &mut Context) -> Result<()> {
     if let Some(n) = args.exponents.iter().find(|n| !(0.25..=1e5).contains(*n)) {
         return Err(Error::input(format!("an exponent of {n} cannot be prefiltered; use 0.25 to 100000")));
     }
+    let file = |n: f32| args.output.join(format!("n-{n}.exr"));
+    if let Some(own) = args.exponents.iter().map(|n| file(*n)).find(|own| files::same(own, &args.environment))
+    {
+        let message = "the environment, which its own map would be written over; give -o another folder";
+        return Err(Error::input(format!("{}: {message}", own.display())));
+    }
     files::create_folder(&args.output)?;
     let bar = progress::bar("prefilter", args.exponents.len() as u64, "maps");
     let height = args.height.map(|height| height as usize);
@@ -96,7 +102,7 @@ pub(super) fn run(args: &PrefilterArgs, context: &mut Context) -> Result<()> {
         .stage("project", || prefilter(&environment, &args.exponents, height, args.map_error))?;
     for n in &args.exponents {
         let Some(map) = context.report.stage("prefilter", || maps.next()) else { break };
-        let path = args.output.join(format!("n-{n}.exr"));
+        let path = file(*n);
         let pixels = map.pixels.iter().map(|pixel| pixel.extend(1.0)).collect();
         Picture { width: map.width, height: map.height, pixels }.write(&path, 1.0)?;
         bar.advance(1);

@@ -23,8 +23,9 @@ use crate::fit::pool::{MOST_SAMPLES, RhoD};
 use crate::fit::weights::Weights;
 use crate::fit::{AlbedoBound, Device, Diffuse, FitOptions, MOST_LOBES, Method, Residual, gpu};
 use crate::mip;
+use crate::progress::counted;
 use crate::provenance::Texts;
-use crate::reflectance::{SbrdfMap, albedo};
+use crate::reflectance::{MapEncoding, SbrdfMap, albedo};
 use crate::report::Report;
 use crate::sampled::SampledStore;
 use crate::warning::Warning;
@@ -39,7 +40,7 @@ const AUTO_LOBES: usize = 2;
 /// Arguments of `lobelia fit`.
 #[derive(Debug, Clone, Args)]
 pub(super) struct FitArgs {
-    /// A sampled SBRDF (folder.zarr) or a measured table (Cornell's .brdf, ALTA's .dat or .txt, MERL's .binary); with --merge optional: shards are then checked against it
+    /// A sampled SBRDF (folder.zarr) or a measured table (Cornell's .brdf, ALTA's .dat, .txt or .alta, MERL's .binary); with --merge optional: shards are then checked against it
     #[arg(required_unless_present = "merge")]
     pub(super) input: Option<PathBuf>,
     /// The SBRDF map to write (OpenEXR); required for a sampled SBRDF
@@ -115,6 +116,10 @@ pub(super) struct FitArgs {
     /// in parts give it to --merge, with the sampled SBRDF and the options of the parts
     #[arg(long)]
     pub(super) mip: bool,
+    /// Write maps in lines deflated by ZIP, which every program that reads OpenEXR opens, instead of in tiles, which are faster. For a fit
+    /// in parts give it to --merge
+    #[arg(long, conflicts_with = "chunks")]
+    pub(super) scanlines: bool,
     /// Join the shards of all parts into the map: the same, byte for byte, as of one run
     #[arg(long, value_name = "SHARD.exr", num_args = 1..)]
     pub(super) merge: Vec<PathBuf>,
@@ -273,6 +278,10 @@ impl FitArgs {
         }
     }
 
+    fn encoding(&self) -> MapEncoding {
+        super::map_encoding(self.scanlines)
+    }
+
     fn bound(&self) -> AlbedoBound {
         match (self.no_bound, self.conserve_energy) {
             (true, _) => AlbedoBound::Free,
@@ -326,7 +335,11 @@ impl FitArgs {
 /// # Errors
 /// As [`fit_input`].
 pub(super) fn run(args: &FitArgs, context: &mut super::Context) -> Result<()> {
+    let asked_to_merge = !args.merge.is_empty();
     let mut args = args.with_store_named_last();
+    if asked_to_merge && args.merge.is_empty() {
+        return Err(Error::input("--merge names no shard: give it those that --chunks wrote"));
+    }
     args.input.iter().chain(&args.merge).chain(&args.pool).for_each(|path| context.report.input(path));
     args.made = made(&args, &context.report);
     let seed = context.seed;
@@ -375,9 +388,16 @@ fn fit_input(args: &FitArgs, seed: u64) -> Result<FitOutcome> {
     match files::ending(input).as_str() {
         "zarr" => fit_sampled(args, input, seed),
         "brdf" | "dat" | "txt" | "alta" | "binary" => table::fit(args, input, seed),
+        _ if files::what_is(input) == Some("a run") => {
+            let run = input.display();
+            Err(Error::input(format!(
+                "{run}: a run; develop it first: lobelia develop {run} -o sampled.zarr"
+            )))
+        }
         _ => Err(Error::input(format!(
-            "{}: `fit` reads a sampled SBRDF (.zarr) or a measured table (.brdf, .dat, .txt, .alta, .binary); the name's ending must say which",
-            input.display()
+            "{}{}: `fit` reads a sampled SBRDF (.zarr) or a measured table (.brdf, .dat, .txt, .alta, .binary); the name's ending must say which",
+            input.display(),
+            files::what_is(input).map_or_else(String::new, |what| format!(": {what}"))
         ))),
     }
 }
@@ -432,9 +452,9 @@ fn fit_sampled(args: &FitArgs, input: &Path, seed: u64) -> Result<FitOutcome> {
     let seconds = start.elapsed().as_secs_f64();
     map.attributes.extend(args.made.clone());
     held.iter().for_each(|held| held.note(&mut map));
-    write_map(&map, output)?;
+    write_map(&map, output, args.encoding())?;
     if args.mip {
-        write_levels(&store, &options, output, (&args.made, held.as_ref()))?;
+        write_levels(&store, &options, (output, &map, args.encoding()), (&args.made, held.as_ref()))?;
     }
     let mut outcome = sampled_outcome(&map, seconds);
     let held_out = held_out::judge(held.as_ref(), &store, &map, &mut outcome)?;
@@ -446,7 +466,8 @@ fn fit_sampled(args: &FitArgs, input: &Path, seed: u64) -> Result<FitOutcome> {
         Device::Gpu => format!(" on {}", gpu::name()?),
     };
     print(&format!(
-        "{texels} texels × {poses} poses, {} by {}{device}: {seconds:.1} s\n{}",
+        "{texels} texels × {}, {} by {}{device}: {seconds:.1} s\n{}",
+        counted(poses as u64, "pose", "poses"),
         lobes_in_words(&map, &options),
         options.method.name(),
         outcome.residuals()
@@ -464,6 +485,11 @@ fn sampled_options(args: &FitArgs) -> Result<FitOptions> {
     if !args.hold_out_theta_deg.is_empty() || args.random_starts > 0 || args.hold_out_each_pair {
         return Err(Error::input(
             "--hold-out-theta-deg, --hold-out-each-pair and --random-starts are for measured tables (.brdf)",
+        ));
+    }
+    if !args.wavelengths_nm.is_empty() {
+        return Err(Error::input(
+            "--wavelengths-nm is for measured tables (.brdf); a sampled SBRDF has red, green and blue",
         ));
     }
     let weights = if args.weights == WeightsName::Sigma { Weights::Sigma } else { Weights::Pose };
@@ -501,14 +527,16 @@ fn sampled_options(args: &FitArgs) -> Result<FitOptions> {
 fn write_levels(
     store: &SampledStore,
     options: &FitOptions,
-    finest: &Path,
+    (finest, map, encoding): (&Path, &SbrdfMap, MapEncoding),
     (made, held): (&Texts, Option<&HeldOut>),
 ) -> Result<()> {
+    let of = mip::fingerprint(map);
     for level in 1..=mip::last([store.width, store.height]) {
         let mut map = chunks::fit_level(store, options, level)?;
         map.attributes.extend(made.clone());
+        map.attributes.insert(mip::OF.into(), of.clone());
         held.iter().for_each(|held| held.note(&mut map));
-        write_map(&map, &mip::path(finest, level))?;
+        write_map(&map, &mip::path(finest, level), encoding)?;
     }
     Ok(())
 }
@@ -671,8 +699,8 @@ fn sampled_outcome(map: &SbrdfMap, seconds: f64) -> FitOutcome {
     outcome
 }
 
-fn write_map(map: &SbrdfMap, path: &Path) -> Result<()> {
-    map.write_exr(path).map_err(|error| Error::writing(path, error))
+fn write_map(map: &SbrdfMap, path: &Path, encoding: MapEncoding) -> Result<()> {
+    map.write_exr_as(path, encoding).map_err(|error| Error::writing(path, error))
 }
 
 fn print(text: &str) -> Result<()> {

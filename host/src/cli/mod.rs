@@ -3,16 +3,19 @@
 use std::any::TypeId;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
+use std::time::Duration;
 
 use clap::{ArgMatches, Args, CommandFactory, FromArgMatches, Parser, Subcommand};
 
 use crate::acquire::{PLAN_FILE, RIG_FILE, journal};
 use crate::error::{Error, Result};
+use crate::reflectance::MapEncoding;
 use crate::report::Report;
 use crate::warning::Warning;
 use crate::{files, progress};
 
 mod acquire;
+mod apart;
 mod chart;
 mod compare;
 #[cfg(feature = "sim")]
@@ -173,7 +176,7 @@ pub fn main() -> ExitCode {
     let cli = Cli::from_arg_matches(&matches).unwrap_or_else(|error| error.exit());
     let outcome = match not_finite(&command, &matches) {
         Some(refused) => Err(Error::input(refused)),
-        None => run(cli),
+        None => apart::check(&command, &matches).and_then(|()| run(cli)),
     };
     match outcome {
         Ok(()) => ExitCode::SUCCESS,
@@ -182,6 +185,20 @@ pub fn main() -> ExitCode {
             ExitCode::from(error.exit_code())
         }
     }
+}
+
+/// How a map's file lies, by the option `--scanlines`.
+fn map_encoding(scanlines: bool) -> MapEncoding {
+    if scanlines { MapEncoding::Scanlines } else { MapEncoding::Tiles }
+}
+
+/// A time of an option, s, of which there may be no fewer than `least` and no more than a process lasts.
+fn seconds_of(option: &str, seconds: f64, least: f64) -> Result<Duration> {
+    const MOST: f64 = 1e9;
+    if (least..=MOST).contains(&seconds) {
+        return Ok(Duration::from_secs_f64(seconds));
+    }
+    Err(Error::input(format!("{option} is {seconds}, must be {least} to {MOST} s")))
 }
 
 /// Lets every option that takes a value take a number below 0, so that the option's own check says what is wrong with it, not the

@@ -8,7 +8,7 @@ use super::Context;
 use crate::error::Result;
 use crate::files;
 use crate::plan::{self, Extent, Plan, lamp, order};
-use crate::progress::duration;
+use crate::progress::{counted, duration};
 use crate::rig::config::RigConfig;
 use crate::warning::samples::{self, Step};
 use crate::warning::{self, Kind, Warning, predicted};
@@ -68,9 +68,9 @@ pub(super) fn run(args: &PlanArgs, context: &mut Context) -> Result<()> {
     context.report.figure("spacing_deg", plan.spacing_deg);
     context.report.figure("travel_s", travel_s);
     println!(
-        "{}: {} poses at least {:.1}° apart, {} of travel",
+        "{}: {} at least {:.1}° apart, {} of travel",
         args.output.display(),
-        plan.poses.len(),
+        counted(plan.poses.len() as u64, "pose", "poses"),
         plan.spacing_deg,
         duration(travel_s)
     );

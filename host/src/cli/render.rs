@@ -10,6 +10,7 @@ use crate::error::{Error, Result};
 use crate::figures::ErrorFigure;
 use crate::files;
 use crate::memory;
+use crate::progress::counted;
 use crate::render::choose::{Model, Tried, taken};
 use crate::render::compare::{Errors, compare};
 use crate::render::lights::{self, Filtering};
@@ -144,7 +145,9 @@ pub(super) struct RenderOutcome {
 pub(super) fn run(args: &RenderArgs, context: &mut Context) -> Result<()> {
     if args.scene.exists() {
         context.report.input(&args.scene);
+        super::apart::in_toml(&args.scene).iter().for_each(|file| context.report.input(file));
     }
+    args.against.iter().for_each(|picture| context.report.input(picture));
     let outcome = render_scene(args, context.seed)?;
     if let Some(note) = &outcome.note {
         let taken = if outcome.tried.is_empty() { "rendered on the CPU" } else { "a method was left out" };
@@ -192,8 +195,10 @@ pub(super) fn run(args: &RenderArgs, context: &mut Context) -> Result<()> {
         count => format!(" and {} more", count - 1),
     };
     println!(
-        "{last}{more}: {} × {} pixels by {by}, {} samples a pixel{noise}, {seconds:.1} s",
-        picture.width, picture.height, cost.samples
+        "{last}{more}: {} × {} pixels by {by}, {} a pixel{noise}, {seconds:.1} s",
+        picture.width,
+        picture.height,
+        counted(cost.samples, "sample", "samples")
     );
     for figure in errors {
         println!("{:>14}  {:.5} {} over {}", figure.name, figure.value, figure.unit, figure.over);

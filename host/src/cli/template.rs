@@ -42,8 +42,8 @@ pub(super) fn run(args: &TemplateArgs) -> Result<()> {
     Ok(())
 }
 
-const RIG_HEADING: &str =
-    "# A rig. Lengths in mm, angles in degrees, times in s; keys left out keep the values shown here.\n";
+const RIG_HEADING: &str = "# A rig. Lengths in mm, angles in degrees, times in s. Keys and tables left out keep the values shown here; the table of an axis, as\n\
+     # [axes.pan], is left out as a whole or has all of them.\n";
 
 const RIG_DRIVER: &str = "
 # An axis that is homed otherwise than usual may have:

@@ -22,7 +22,7 @@ use crate::acquire::RunFolder;
 use crate::by_angle::{ByAngle, Cone};
 use crate::chart::Chart;
 use crate::develop::radiance::{MosaicRadiance, bayer_channel};
-use crate::develop::registration::Registration;
+use crate::develop::registration::{Registration, Unregistered};
 use crate::develop::resample::BayerPlanes;
 use crate::develop::{self, Photographs, camera, reflectance};
 use crate::error::{Error, Result};
@@ -78,6 +78,10 @@ pub struct Comparison {
     pub by_angle: ByAngle,
     /// The poses that the map was fitted from, where they are known.
     pub cone: Option<Cone>,
+    /// Poses that were asked for and could not be registered, and why.
+    pub left_out: Vec<(usize, String)>,
+    /// Frames that were left out because they are damaged, and what the poses that were left out have in common.
+    pub notes: Vec<String>,
 }
 
 /// The texel of the lattice that a pixel of the mosaic sees, and the irradiance of its channel there.
@@ -101,7 +105,7 @@ struct Shot {
     seen: Vec<Seen>,
 }
 
-/// Compares the given poses, or all when none is given; poses that cannot be registered are left out. The result is in
+/// Compares the given poses, or all when none is given; poses that cannot be registered are left out and named. The result is in
 /// order of the poses. `cone` is that of the poses that the map was fitted from.
 ///
 /// # Errors
@@ -118,9 +122,10 @@ pub fn poses(
     let all: Vec<usize> =
         if wanted.is_empty() { (0..photographs.poses()).collect() } else { wanted.to_vec() };
     let bar = progress::bar("comparing", all.len() as u64, "poses");
-    let compared: Vec<Option<(ComparedPose, Vec<Seen>)>> = all
-        .into_par_iter()
-        .map(|pose| {
+    type Compared = std::result::Result<(ComparedPose, Vec<Seen>), Unregistered>;
+    let compared: Vec<Compared> = all
+        .par_iter()
+        .map(|&pose| {
             let found = shot(photographs, map, pose, (&lattice, cone.as_ref()))?;
             bar.advance(1);
             Ok(found.map(|Shot { geometry, pictures, seen }| {
@@ -129,11 +134,29 @@ pub fn poses(
             }))
         })
         .collect::<Result<_>>()?;
-    let (poses, seen): (Vec<ComparedPose>, Vec<Vec<Seen>>) = compared.into_iter().flatten().unzip();
-    if poses.is_empty() {
-        return Err(Error::input("none of the poses could be registered"));
+    // By their numbers, as what they have in common is told by.
+    let mut by_pose: Vec<Compared> =
+        (0..photographs.poses()).map(|_| Err("it was not asked for".into())).collect();
+    for (&pose, found) in all.iter().zip(compared) {
+        by_pose[pose] = found;
     }
-    Ok(Comparison { poses, by_angle: angles::together(lattice.len(), &seen), cone })
+    let common = develop::explain(&photographs.run, &mut by_pose)?;
+    let (mut poses, mut seen, mut left_out) = (Vec::new(), Vec::new(), Vec::new());
+    for (pose, found) in by_pose.into_iter().enumerate().filter(|(pose, _)| all.contains(pose)) {
+        match found {
+            Ok((compared, of_texels)) => {
+                poses.push(compared);
+                seen.push(of_texels);
+            }
+            Err(why) => left_out.push((pose, why.to_string())),
+        }
+    }
+    if let (true, Some((pose, why))) = (poses.is_empty(), left_out.first()) {
+        return Err(Error::input(format!("none of the poses could be registered; pose {pose}: {why}")));
+    }
+    let notes = photographs.left_out().into_iter().map(|why| format!("a frame is left out: {why}"));
+    let notes = notes.chain(common).collect();
+    Ok(Comparison { poses, by_angle: angles::together(lattice.len(), &seen), cone, left_out, notes })
 }
 
 fn check(photographs: &Photographs, map: &SbrdfMap, wanted: &[usize]) -> Result<()> {
@@ -154,14 +177,18 @@ fn check(photographs: &Photographs, map: &SbrdfMap, wanted: &[usize]) -> Result<
     }
 }
 
-/// Both pictures of a pose with its geometry; `None` when it cannot be registered.
+/// Both pictures of a pose with its geometry, or why it cannot be registered.
 fn shot(
     photographs: &Photographs,
     map: &SbrdfMap,
     pose: usize,
     (lattice, cone): (&Lattice, Option<&Cone>),
-) -> Result<Option<Shot>> {
-    let (photograph, Ok(registration)) = photographs.pose(pose)? else { return Ok(None) };
+) -> Result<std::result::Result<Shot, Unregistered>> {
+    let (photograph, registration) = photographs.pose(pose)?;
+    let registration = match registration {
+        Ok(registration) => registration,
+        Err(why) => return Ok(Err(why)),
+    };
     let config = &photographs.run.rig;
     let geometry = pose_geometry(config, &registration.pose, photographs.run.plan.angles(pose).light);
     let seen = |x: f64, y: f64| {
@@ -190,7 +217,7 @@ fn shot(
     let pixels = down.flat_map(|row| across.clone().map(move |column| (column, row)));
     let pixels = pixels.map(|(column, row)| pixel(column, row)).collect();
     let relative_rms = relative_rms(&photograph, &rendering);
-    Ok(Some(Shot { geometry, pictures: Pictures { columns, pixels, relative_rms }, seen: by_texel }))
+    Ok(Ok(Shot { geometry, pictures: Pictures { columns, pixels, relative_rms }, seen: by_texel }))
 }
 
 /// Radiance of a white pixel, divided by the lamp's: that of a perfect diffuser at the point, which on a cylinder faces the
@@ -342,7 +369,9 @@ pub fn run(
     wanted: &[usize],
     measured_in: Option<&Path>,
 ) -> Result<(Comparison, Chart)> {
-    let photographs = Photographs::open(folder)?;
+    // What is there is compared; what is damaged or not there yet is named.
+    let options = develop::Options { partial: true, ..develop::Options::default() };
+    let photographs = Photographs::open_with(folder, &options)?;
     let other = measured_in.map(RunFolder::open).transpose()?;
     let own = Some(&photographs.run).filter(|run| run.rig.carrier.cylinder_radius_mm.is_none());
     let cone = other.as_ref().or(own).map(|run| measured(run, map)).transpose()?;

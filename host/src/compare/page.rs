@@ -23,7 +23,7 @@ pub(super) fn chart(photographs: &Photographs, map: &SbrdfMap, comparison: &Comp
     let mut shots = Vec::new();
     for &rank in &shown {
         let pose = ranked[rank].pose;
-        if let Some(found) = shot(photographs, map, pose, (&lattice, None))? {
+        if let Ok(found) = shot(photographs, map, pose, (&lattice, None))? {
             let psnr = ranked[rank].difference.psnr_db;
             for (name, raster) in
                 ["photograph", "rendering", "difference, ΔE 0 to 10"].iter().zip(found.pictures.rasters())

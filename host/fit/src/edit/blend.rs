@@ -21,7 +21,7 @@ pub struct Blend {
     /// The BRDF.
     pub brdf: LobeBrdf,
     /// RMS error against the blended reflectance over the RMS of that reflectance, weighted by cosθ_i cosθ_o; 0 where nothing
-    /// was fitted.
+    /// was fitted, NaN where reflectance is beyond single precision.
     pub relative: f64,
 }
 
@@ -51,7 +51,8 @@ pub fn blend(parts: &[(f32, &LobeBrdf)], lobes: usize, workspace: &mut Workspace
     let fitted = pairs.reflectance(&brdf);
     let error = pairs.rms(fitted.iter().zip(&blended).map(|(fitted, blended)| fitted - blended));
     let size = pairs.rms(blended.iter().copied());
-    Blend { brdf, relative: if size > 0.0 { error / size } else { 0.0 } }
+    // Infinite over infinite is no number, and a caller must see that.
+    Blend { brdf, relative: if size == 0.0 { 0.0 } else { error / size + 0.0 * size } }
 }
 
 /// How the blend of these BRDFs is fitted: as they are themselves.

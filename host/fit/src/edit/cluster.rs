@@ -35,7 +35,7 @@ pub struct Clusters {
     pub count: Vec<usize>,
     /// Index into the palette, row by row.
     pub index: Vec<u8>,
-    /// ‖f̂ − f‖ / ‖f‖ over all texels and pairs of directions, weighted by cosθ_i cosθ_o.
+    /// ‖f̂ − f‖ / ‖f‖ over all texels and pairs of directions, weighted by cosθ_i cosθ_o; NaN beyond single precision.
     pub relative: f64,
     /// The same with the texel nearest to each cluster's middle in place of the palette's BRDF.
     pub relative_of_texels: f64,
@@ -102,7 +102,8 @@ fn relative_error<'a>(pairs: &Pairs, texels: &[LobeBrdf], of: impl Fn(usize) -> 
         })
         .collect();
     let (error, whole) = squares.iter().fold((0.0, 0.0), |sum, square| (sum.0 + square.0, sum.1 + square.1));
-    if whole > 0.0 { (error / whole).sqrt() } else { 0.0 }
+    // A part of what is infinite is no small part.
+    if whole == 0.0 { 0.0 } else { (error / whole).sqrt() + 0.0 * whole }
 }
 
 /// The nearest centre and the squared distance to it.

@@ -2,6 +2,7 @@
 
 use rayon::prelude::*;
 
+use super::ALPHA;
 use super::blend::{Blend, blend};
 use super::picture::Mask;
 use crate::fit::texel::Workspace;
@@ -10,7 +11,7 @@ use lobelia_base::progress;
 use lobelia_reflectance::{LobeBrdf, SbrdfMap};
 
 /// `base` where the mask is black, `over` where it is white, blended by reflectance in between; map, and the largest relative
-/// error of a blend. The three have one size.
+/// error of a blend, NaN where one could not be computed. The three have one size.
 pub fn composite(base: &SbrdfMap, over: &SbrdfMap, mask: &Mask) -> (SbrdfMap, f64) {
     let lobes = base.lobes.len().max(over.lobes.len());
     let bar = progress::bar("blending", mask.share.len() as u64, "texels");
@@ -25,7 +26,22 @@ pub fn composite(base: &SbrdfMap, over: &SbrdfMap, mask: &Mask) -> (SbrdfMap, f6
     let mut map = SbrdfMap::new(base.width, base.height, lobes);
     blends.iter().enumerate().for_each(|(k, blend)| map.set(k, &blend.brdf));
     map.attributes = base.attributes.clone();
-    (map, blends.iter().map(|blend| blend.relative).fold(0.0, f64::max))
+    if let Some(alpha) = alpha(base, over, mask) {
+        map.extra.insert(ALPHA.into(), alpha);
+    }
+    let worst = |worst: f64, blend: &Blend| if blend.relative <= worst { worst } else { blend.relative };
+    (map, blends.iter().fold(0.0, |most: f64, blend| if most.is_nan() { most } else { worst(most, blend) }))
+}
+
+/// Where the composite's material is, of maps of which one at least says it: a map that does not is everywhere.
+fn alpha(base: &SbrdfMap, over: &SbrdfMap, mask: &Mask) -> Option<Vec<f32>> {
+    let planes = [base, over].map(|map| map.extra.get(ALPHA));
+    if planes.iter().all(Option::is_none) {
+        return None;
+    }
+    let [base, over] = planes.map(|plane| move |k: usize| plane.map_or(1.0, |plane| plane[k]));
+    let blended = |(k, &share): (usize, &f32)| (1.0 - share) * base(k) + share * over(k);
+    Some(mask.share.iter().enumerate().map(blended).collect())
 }
 
 /// The mean BRDF of all texels, or of those of a mask by their share, as one of at most `lobes` lobes.
@@ -67,6 +83,26 @@ mod tests {
         // Equal shapes: a quarter of the way in every albedo.
         let between = map.texel(2);
         assert!((between.rho_d.x - 0.15).abs() < 1e-6 && (between.lobes[0].rho_s.x - 0.3).abs() < 1e-6);
+    }
+
+    #[test]
+    fn an_error_that_is_no_number_is_not_lost_among_those_that_are() {
+        let mask = Mask { width: 3, height: 1, share: vec![0.5, 0.0, 0.25] };
+        let mut base = uniform(&texel(0.1, 0.2, 20.0));
+        base.rho_d[0] = Rgb::splat(1e30);
+        assert!(composite(&base, &uniform(&texel(0.1, 0.2, 35.0)), &mask).1.is_nan());
+    }
+
+    #[test]
+    fn what_is_cut_out_of_either_map_is_cut_out_where_it_shows() {
+        let mask = Mask { width: 3, height: 1, share: vec![0.0, 1.0, 0.25] };
+        let plain = uniform(&texel(0.1, 0.2, 20.0));
+        let mut cut = plain.clone();
+        cut.extra.insert(ALPHA.into(), vec![0.0, 0.5, 0.2]);
+        let alpha = |base: &SbrdfMap, over: &SbrdfMap| composite(base, over, &mask).0.extra.remove(ALPHA);
+        assert_eq!(alpha(&plain, &plain), None);
+        assert_eq!(alpha(&cut, &plain), Some(vec![0.0, 1.0, 0.75 * 0.2 + 0.25]));
+        assert_eq!(alpha(&plain, &cut), Some(vec![1.0, 0.5, 0.75 + 0.25 * 0.2]));
     }
 
     #[test]

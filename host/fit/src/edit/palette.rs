@@ -10,6 +10,7 @@ use std::path::Path;
 use glam::Vec3;
 use serde::Deserialize;
 
+use super::ALPHA;
 use super::pairs::Pairs;
 use lobelia_base::error::{Error, Result};
 use lobelia_base::files;
@@ -139,6 +140,33 @@ pub fn parse_hex(text: &str) -> Option<[u8; 3]> {
     Some([r, g, b])
 }
 
+/// Writes the index image of a map that is cut out where `alpha` is 0: a PNG in true colour, as transparent as the map. Without
+/// `alpha` it is [`write_index`]'s.
+///
+/// # Errors
+/// When the disk refuses.
+pub fn write_index_cut(
+    path: &Path,
+    size: (usize, usize),
+    index: &[u8],
+    alpha: Option<&[f32]>,
+    entries: &[Entry],
+) -> Result<()> {
+    let Some(alpha) = alpha else { return write_index(path, size.0, size.1, index, entries) };
+    let pixel = |(&index, alpha): (&u8, &f32)| {
+        let [r, g, b] = entries[usize::from(index)].swatch;
+        [r, g, b, (255.0 * alpha.clamp(0.0, 1.0)).round() as u8]
+    };
+    let pixels: Vec<u8> = index.iter().zip(alpha).flat_map(pixel).collect();
+    files::write_atomically(path, |writer| {
+        let mut encoder = png::Encoder::new(writer, size.0 as u32, size.1 as u32);
+        encoder.set_color(png::ColorType::Rgba);
+        encoder.set_depth(png::BitDepth::Eight);
+        encoder.write_header()?.write_image_data(&pixels)?;
+        Ok(())
+    })
+}
+
 /// Writes an index image: an indexed PNG whose palette is the swatches.
 ///
 /// # Errors
@@ -154,23 +182,32 @@ pub fn write_index(path: &Path, width: usize, height: usize, index: &[u8], entri
     })
 }
 
-/// The map that an index image and a palette describe.
+/// The map that an index image and a palette describe, cut out where the image is transparent.
 ///
 /// # Errors
 /// Input errors: a file that is no picture, or a pixel whose colour is no swatch.
 pub fn apply(index: &Path, entries: &[Entry]) -> Result<SbrdfMap> {
-    let image = lobelia_reflectance::picture_file::decode(index)?.to_rgb8();
+    let image = lobelia_reflectance::picture_file::decode(index)?.to_rgba8();
     let (width, height) = (image.width() as usize, image.height() as usize);
     let lobes = entries.iter().map(|entry| entry.brdf.lobes.len()).max().unwrap_or(0);
     let mut map = SbrdfMap::new(width, height, lobes);
+    if image.pixels().any(|pixel| pixel.0[3] < u8::MAX) {
+        let alpha = image.pixels().map(|pixel| f32::from(pixel.0[3]) / f32::from(u8::MAX)).collect();
+        map.extra.insert(ALPHA.into(), alpha);
+    }
     for (k, pixel) in image.pixels().enumerate() {
-        let Some(entry) = entries.iter().find(|entry| entry.swatch == pixel.0) else {
+        let [r, g, b, opacity] = pixel.0;
+        let Some(entry) = entries.iter().find(|entry| entry.swatch == [r, g, b]) else {
+            // Paint programs keep no colour where nothing is seen of it.
+            if opacity == 0 {
+                continue;
+            }
             return Err(Error::input(format!(
                 "{}: pixel ({}, {}) has the colour {}, which is no swatch of the palette; paint without smoothing, or add a BRDF",
                 index.display(),
                 k % width,
                 k / width,
-                hex(pixel.0)
+                hex([r, g, b])
             )));
         };
         map.set(k, &entry.brdf);
@@ -218,6 +255,24 @@ mod tests {
         let saved = image::open(&path).unwrap().to_rgba8();
         saved.save(&path).unwrap();
         check();
+    }
+
+    #[test]
+    fn a_map_that_is_cut_out_is_so_after_its_way_through_a_palette() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("index.png");
+        let entries = entries();
+        write_index_cut(&path, (2, 2), &[1, 0, 2, 1], Some(&[1.0, 0.0, 0.6, 1.0]), &entries).unwrap();
+        let map = apply(&path, &entries).unwrap();
+        assert_eq!(map.extra[ALPHA], [1.0, 0.0, 0.6, 1.0]);
+        assert_eq!([0, 1, 2].map(|k| map.texel(k)), [1, 0, 2].map(|k: usize| entries[k].brdf.clone()));
+        // A paint program that keeps no colour where nothing is seen.
+        let mut painted = image::open(&path).unwrap().to_rgba8();
+        painted.put_pixel(1, 0, image::Rgba([0; 4]));
+        painted.save(&path).unwrap();
+        assert_eq!(apply(&path, &entries).unwrap().extra[ALPHA], [1.0, 0.0, 0.6, 1.0]);
+        write_index_cut(&path, (2, 2), &[1, 0, 2, 1], None, &entries).unwrap();
+        assert!(!apply(&path, &entries).unwrap().extra.contains_key(ALPHA));
     }
 
     #[test]

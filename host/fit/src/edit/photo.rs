@@ -8,7 +8,7 @@ use glam::Vec3;
 use super::picture::Photo;
 use lobelia_base::error::{Error, Result};
 use lobelia_base::random::Random;
-use lobelia_reflectance::{Lobe, LobeBrdf, SbrdfMap, colour};
+use lobelia_reflectance::{Lobe, LobeBrdf, Rgb, SbrdfMap, colour};
 
 /// The lobe over the photograph. The defaults are the source's for cherry wood.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -49,16 +49,39 @@ impl Recipe {
         if !(self.specular >= 0.0 && self.specular.is_finite() && self.c.iter().all(|c| c.is_finite())) {
             return Err(Error::input("the lobe's albedo must be at least 0 and its C finite"));
         }
+        let base = self.c[0].abs().max(self.c[1].abs());
+        let peak = self.specular * base.powf(self.n.max(self.n_dark) + 3.0 * self.n_sigma);
+        if peak > MOST_PEAK {
+            return Err(Error::input(format!(
+                "the lobe would be {peak:.1e} times as bright as white paper; give Cx, Cz or the exponent less"
+            )));
+        }
         Ok(())
     }
 }
 
+/// The largest factor of the lobe's own albedo at its peak; the source's is about 3.
+const MOST_PEAK: f64 = 1e4;
+
+/// The share of pixels that may be brighter than a perfect diffuser, as highlights are.
+const MOST_BRIGHT: f64 = 0.01;
+
 /// The map of a photograph, whose linear colour is the diffuse albedo; it is cut out where the photograph is transparent.
 ///
 /// # Errors
-/// As [`Recipe::check`].
+/// As [`Recipe::check`], and for a photograph in other units than albedos.
 pub fn from_photo(photo: &Photo, recipe: &Recipe, seed: u64) -> Result<SbrdfMap> {
     recipe.check()?;
+    let bright = |pixel: &&Rgb| pixel.max_element() > 1.0;
+    let count = photo.pixels.iter().filter(bright).count();
+    if count as f64 > MOST_BRIGHT * photo.pixels.len() as f64 {
+        let most = photo.pixels.iter().map(|pixel| pixel.max_element()).fold(0.0, f32::max);
+        return Err(Error::input(format!(
+            "{count} of {} pixels, up to {most:.3}, are brighter than 1, which stands for a perfect diffuser: the map would reflect \
+             more light than it receives; scale the photograph",
+            photo.pixels.len()
+        )));
+    }
     let mut random = Random::new(seed);
     let threshold = dark_threshold(photo, recipe.dark_percent);
     let [cx, cz] = recipe.c.map(|c| c as f32);
@@ -95,7 +118,7 @@ fn dark_threshold(photo: &Photo, percent: f64) -> f32 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use lobelia_reflectance::{Brdf, Rgb};
+    use lobelia_reflectance::Brdf;
 
     fn wood() -> Photo {
         let pixels =
@@ -131,6 +154,20 @@ mod tests {
         assert!(gloss(0.0) < 1e-4 && gloss(1.5) > 2.0);
     }
 
+    /// A renderer's or a camera's linear values are no albedos; single highlights are let pass.
+    #[test]
+    fn a_photograph_that_is_brighter_than_white_paper_is_refused() {
+        let mut photo = wood();
+        photo.pixels[7] = Rgb::new(0.5, 3.0, 0.5);
+        assert!(from_photo(&photo, &Recipe::default(), 1).is_ok());
+        photo.pixels.iter_mut().for_each(|pixel| *pixel *= 900.0);
+        let error = from_photo(&photo, &Recipe::default(), 1).unwrap_err();
+        assert!(
+            error.exit_code() == 2 && error.to_string().contains("of 1000 pixels, up to 2700.000"),
+            "{error}"
+        );
+    }
+
     #[test]
     fn recipes_that_make_no_sense_are_refused() {
         let standard = Recipe::default();
@@ -138,6 +175,7 @@ mod tests {
             Recipe { n: 0.0, ..standard },
             Recipe { dark_percent: 101.0, ..standard },
             Recipe { specular: f64::NAN, ..standard },
+            Recipe { c: [5.0, 5.0], n: 100.0, ..standard },
         ] {
             assert_eq!(from_photo(&wood(), &wrong, 1).unwrap_err().exit_code(), 2);
         }

@@ -55,6 +55,9 @@ impl Photo {
             let message = "its colour profile is not sRGB's; convert it to sRGB, or to linear OpenEXR";
             return Err(Error::reading(path, message));
         }
+        if let Some(why) = picture_file::png_not_srgb(path) {
+            return Err(Error::reading(path, format!("{why}; convert it to sRGB, or to linear OpenEXR")));
+        }
         let alpha =
             image.color().has_alpha().then(|| image.to_rgba32f().pixels().map(|pixel| pixel[3]).collect());
         let image = image.to_rgb32f();

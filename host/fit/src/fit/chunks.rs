@@ -58,6 +58,7 @@ impl Part {
 const PART: &str = "shard.part";
 const GEOMETRY: &str = "shard.geometry_sha256";
 const SAMPLES: &str = "shard.samples_sha256";
+const STORE: &str = "shard.store_sha256";
 const OPTIONS: &str = "shard.options";
 const SIZE: &str = "shard.size";
 
@@ -126,6 +127,7 @@ pub fn fit_part(store: &SampledStore, options: &FitOptions, part: Part, tally: &
         (PART, part.to_string()),
         (GEOMETRY, store.geometry_sha256()),
         (SAMPLES, samples),
+        (STORE, of_store(store)?),
         (OPTIONS, options_text(options)),
         (SIZE, format!("{} {} {columns} {rows}", store.width, store.height)),
     ] {
@@ -218,8 +220,10 @@ fn belongs(first: &(&Path, SbrdfMap), other: &(&Path, SbrdfMap)) -> Result<()> {
     if a?.count != b?.count {
         return Err(different("numbers of shards"));
     }
-    for (key, what) in [(OPTIONS, "options or versions"), (GEOMETRY, "poses"), (SIZE, "sizes")] {
-        if first.1.attributes[key] != other.1.attributes[key] {
+    for (key, what) in
+        [(OPTIONS, "options or versions"), (GEOMETRY, "poses"), (SIZE, "sizes"), (STORE, "samples")]
+    {
+        if first.1.attributes.get(key) != other.1.attributes.get(key) {
             return Err(different(what));
         }
     }
@@ -280,6 +284,19 @@ fn fits_samples(shard: &SbrdfMap, store: &SampledStore, part: Part) -> Result<bo
         hashes += &hash(&store.read(&window, sigma)?);
     }
     Ok(shard.attributes[SAMPLES] == sha256(hashes.as_bytes()))
+}
+
+/// What tells the samples of a whole store from those of another one of the same size and poses: a hash of its first chunk, the middle one
+/// and the last, since one of all would have each part read all.
+fn of_store(store: &SampledStore) -> Result<String> {
+    let blocks = store.blocks();
+    let mut places = vec![0, blocks.len() / 2, blocks.len().saturating_sub(1)];
+    places.dedup();
+    let mut hashes = String::new();
+    for window in places.into_iter().filter_map(|place| blocks.get(place)) {
+        hashes += &hash(&store.read(window, true)?);
+    }
+    Ok(sha256(hashes.as_bytes()))
 }
 
 /// Hash of all values that were read.
@@ -522,6 +539,19 @@ mod tests {
             .write_exr(&other)
             .unwrap();
         assert!(refused(&[shards[0].clone(), other.clone()]).contains("numbers of shards"));
+        // Another store of the same size, poses and directions: half of the map would be twice as bright.
+        let mut brighter = sampled();
+        brighter.reflectance.iter_mut().for_each(|value| *value *= 2.0);
+        let path = folder.path().join("brighter.zarr");
+        brighter.write_zarr(&path).unwrap();
+        let brighter = SampledStore::open(&path).unwrap();
+        fit_part(&brighter, &OPTIONS_OF_CASE, Part { index: 3, count: 3 }, &Tally::default())
+            .unwrap()
+            .write_exr(&other)
+            .unwrap();
+        assert!(
+            refused(&[shards[0].clone(), shards[1].clone(), other.clone()]).contains("different samples")
+        );
         fit_store(&store, &OPTIONS_OF_CASE).unwrap().write_exr(&other).unwrap();
         assert!(refused(&[other]).contains("no shard of a fit"));
         let many =

@@ -5,6 +5,7 @@ use std::time::{Duration, SystemTime};
 
 use lobelia_base::error::Result;
 
+use crate::develop::frame::RawFrame;
 use crate::rig::config::RigConfig;
 use crate::rig::geometry::MotorAngles;
 
@@ -13,13 +14,15 @@ pub(super) const GRACE: Duration = Duration::from_secs(5);
 
 /// One photograph to take.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Shot {
+pub struct Shot<'a> {
     /// Time that the shutter shall be open, s.
     pub open_s: f64,
     /// Whether the lamp must be warm; false for dark frames.
     pub warm_lamp: bool,
     /// Where the motors stand, by which the tags are expected; `None` for dark frames.
     pub angles: Option<MotorAngles>,
+    /// The dark frames before this one, of as long exposures or shorter ones; none before a pose's.
+    pub darks: &'a [RawFrame],
     /// What the photograph is (kind, pose, exposure), from which a simulated camera draws its noise.
     pub key: [u64; 3],
 }
@@ -30,7 +33,7 @@ pub struct Fired<'a> {
     /// The rig.
     pub config: &'a RigConfig,
     /// What was asked for.
-    pub shot: &'a Shot,
+    pub shot: &'a Shot<'a>,
     /// When the shot began.
     pub began: SystemTime,
     /// Time that the shutter was open, s.

@@ -25,9 +25,10 @@ pub(super) fn unchecked(rig: &RigConfig, records: &[Record], first_left: usize) 
         return None;
     }
     let last = first_left - 1;
-    let range = if from == last { last.to_string() } else { format!("{from}-{last}") };
+    let (poses, range) =
+        if from == last { ("pose", last.to_string()) } else { ("poses", format!("{from}-{last}")) };
     Some(format!(
-        "the controller had lost its positions and was homed anew, so poses {range} can't be checked for lost steps any more; where a motor \
+        "the controller had lost its positions and was homed anew, so {poses} {range} can't be checked for lost steps any more; where a motor \
          may have slipped, leave them out by develop --skip-pose {range}"
     ))
 }

@@ -2,7 +2,7 @@
 
 use super::camera::Shot;
 use crate::develop::frame::{Photograph, RawFrame};
-use crate::develop::registration;
+use crate::develop::{dark, registration};
 use crate::rig::config::RigConfig;
 
 /// Share of pixels that are 0 below a black level above 0, over which part of a file counts as not written.
@@ -23,7 +23,7 @@ pub(super) enum Fault {
 /// Judges a photograph of a shot whose shutter was open for `open_s`.
 pub(super) fn judge(
     config: &RigConfig,
-    shot: &Shot,
+    shot: &Shot<'_>,
     open_s: f64,
     photograph: &Photograph,
 ) -> std::result::Result<(), Fault> {
@@ -52,16 +52,36 @@ pub(super) fn judge(
     if share(&|value| value < limit) < LEAST_SHOWN {
         return Err(Fault::Wrong("it is saturated throughout".into()));
     }
-    let Some(angles) = &shot.angles else { return Ok(()) };
+    let frame = RawFrame { width, height, values: photograph.values.clone(), exposure_s: open_s };
+    let Some(angles) = &shot.angles else {
+        return judge_dark(config, &frame, shot.darks).map_err(Fault::Wrong);
+    };
     if share(&|value| value > camera.black_level + 6.0 * deviation) < LEAST_SHOWN {
         return Err(Fault::Wrong("it is black throughout".into()));
     }
-    let frame = RawFrame { width, height, values: photograph.values.clone(), exposure_s: open_s };
     match registration::register_frame(config, &frame, angles) {
         // Too few tags in one exposure of a bracket are no fault: another may show them.
         Err(unregistered) if unregistered.elsewhere.is_some() => Err(Fault::Wrong(unregistered.why)),
         _ => Ok(()),
     }
+}
+
+/// Judges a dark frame by itself and by those before it.
+fn judge_dark(config: &RigConfig, frame: &RawFrame, before: &[RawFrame]) -> std::result::Result<(), String> {
+    if let Some(why) = dark::shows_tags(config, frame) {
+        return Err(why);
+    }
+    let camera = &config.camera;
+    if let Some(earlier) = before.iter().position(|earlier| dark::outshines(camera, frame, earlier)) {
+        return Err(format!("it shows more light than dark frame {earlier}"));
+    }
+    // No further try mends that one.
+    if let Some(earlier) = before.iter().position(|earlier| dark::outshines(camera, earlier, frame)) {
+        return Err(format!(
+            "dark frame {earlier}, taken before it, shows more light than it; keep the camera in the dark and begin the run anew"
+        ));
+    }
+    Ok(())
 }
 
 #[cfg(test)]
@@ -75,9 +95,9 @@ mod tests {
 
     const STAND: [f64; 4] = [20.0, -15.0, 40.0, 50.0];
 
-    fn shot(stand: [f64; 4]) -> Shot {
+    fn shot(stand: [f64; 4]) -> Shot<'static> {
         let angles = Some(MotorAngles::from_degrees(stand));
-        Shot { open_s: 0.2, warm_lamp: true, angles, key: [1, 0, 0] }
+        Shot { open_s: 0.2, warm_lamp: true, angles, darks: &[], key: [1, 0, 0] }
     }
 
     /// What the simulator's camera sees at [`STAND`].
@@ -125,7 +145,27 @@ mod tests {
         let config = RigConfig::default();
         let mut dark = photograph(&config);
         dark.values.fill(512);
-        let shot = Shot { angles: None, ..shot(STAND) };
-        assert_eq!(judge(&config, &shot, 0.2, &dark), Ok(()));
+        let first = Shot { angles: None, ..shot(STAND) };
+        assert_eq!(judge(&config, &first, 0.2, &dark), Ok(()));
+        let frame = |photograph: &Photograph| RawFrame {
+            width: photograph.width,
+            height: photograph.height,
+            values: photograph.values.clone(),
+            exposure_s: 0.2,
+        };
+        let before = [frame(&dark)];
+        assert_eq!(judge(&config, &Shot { darks: &before, ..first }, 0.2, &dark), Ok(()));
+
+        // A photograph that came a shot early, the same out of focus, and such a one believed before.
+        let wrong = |shot: Shot<'_>, photograph: &Photograph, part: &str| {
+            let fault = judge(&config, &shot, 0.2, photograph).unwrap_err();
+            assert!(matches!(&fault, Fault::Wrong(why) if why.contains(part)), "{part}: {fault:?}");
+        };
+        wrong(first, &photograph(&config), "of the carrier's 16 tags");
+        let mut dim = dark.clone();
+        dim.values.fill(540);
+        wrong(Shot { darks: &before, ..first }, &dim, "more light than dark frame 0");
+        let before = [frame(&dark), frame(&dim)];
+        wrong(Shot { darks: &before, ..first }, &dark, "dark frame 1, taken before it");
     }
 }

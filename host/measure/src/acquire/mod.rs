@@ -5,6 +5,7 @@
 use std::time::Duration;
 
 use crate::develop::frame::{self, RawFrame};
+use crate::rig::PLUG_IN;
 use crate::warning::frames;
 use lobelia_base::error::{Error, Result};
 use lobelia_base::interrupt::interrupted;
@@ -53,19 +54,24 @@ pub fn run(run: &RunFolder, journal: &mut Journal, station: &mut Station) -> Res
     let checked = check::checked(&run.records);
     let mut steps = Steps { run, journal, station, samples: Vec::new(), checked };
     if run.finished() {
-        let controller_s = steps.last_us() as f64 * 1e-6;
+        let controller_s = steps.last_us() as f64 / 1e6;
         return Ok(Acquired { poses: 0, controller_s, samples: Vec::new() });
     }
     if let Err(error) = steps.all() {
         return Err(match steps.station.rest() {
             Ok(()) => error,
-            Err(rest) => error.hint(format!(
-                "and the rig could not be brought to rest, look whether its lamp burns: {rest}"
-            )),
+            Err(rest) => not_at_rest(error, &rest),
         });
     }
-    let controller_s = steps.station.clock_us()? as f64 * 1e-6;
+    let controller_s = steps.station.clock_us()? as f64 / 1e6;
     Ok(Acquired { poses: steps.samples.len(), controller_s, samples: steps.samples })
+}
+
+/// The error that ended a run, and that the rig went on. What to do about a lost link is said once.
+fn not_at_rest(error: Error, rest: &Error) -> Error {
+    let told = error.to_string().contains(PLUG_IN);
+    let rest = if told { rest.to_string().replace(PLUG_IN, "") } else { rest.to_string() };
+    error.hint(format!("and the rig could not be brought to rest, look whether its lamp burns: {rest}"))
 }
 
 /// The steps of one run and what they share.
@@ -143,19 +149,26 @@ impl Steps<'_> {
         let times =
             [camera.min_exposure_s, camera.max_exposure_s].map(|seconds| vec![seconds; each]).concat();
         let recorded = |record: &&Record| matches!(record, Record::Dark { .. });
-        if self.run.records.iter().filter(recorded).count() < times.len() {
+        let all = self.run.records.iter().filter(recorded).count() >= times.len();
+        if !all {
             self.station.client.lamp(false, 0.0)?;
         }
+        let mut darks = Vec::new();
         for (index, seconds) in times.into_iter().enumerate() {
             let is_this = |record: &Record| matches!(record, Record::Dark { index: i, .. } if *i == index);
             if let Some(record) = self.recorded(is_this) {
+                if let (Record::Dark { exposure, .. }, false) = (record, all) {
+                    darks.push(self.raw_frame(exposure)?);
+                }
                 let time = record.controller_us();
                 self.catch_up(time);
                 continue;
             }
             let file = format!("frames/dark-{index:02}.tiff");
-            let shot = Shot { open_s: seconds, warm_lamp: false, angles: None, key: [0, index as u64, 0] };
+            let key = [0, index as u64, 0];
+            let shot = Shot { open_s: seconds, warm_lamp: false, angles: None, darks: &darks, key };
             let exposure = self.dark_frame(index, &file, &shot)?;
+            darks.push(self.raw_frame(&exposure)?);
             let controller_us = self.station.clock_us()?;
             self.journal.append(&Record::Dark { index, exposure, controller_us })?;
         }
@@ -163,7 +176,7 @@ impl Steps<'_> {
     }
 
     /// One frame without light. A lamp that glows on after it was switched off gets some time.
-    fn dark_frame(&mut self, index: usize, file: &str, shot: &Shot) -> Result<ExposureRecord> {
+    fn dark_frame(&mut self, index: usize, file: &str, shot: &Shot<'_>) -> Result<ExposureRecord> {
         const AFTERGLOW: Duration = Duration::from_secs(60);
         const LOOK_AGAIN: Duration = Duration::from_secs(5);
         let mut waited = Duration::ZERO;
@@ -237,7 +250,8 @@ impl Steps<'_> {
         for (number, &open_s) in pose.exposures_s.iter().enumerate() {
             let file = format!("frames/pose-{index:05}-{number}.tiff");
             let angles = Some(self.run.plan.angles(index));
-            let shot = Shot { open_s, warm_lamp: true, angles, key: [1, index as u64, number as u64] };
+            let key = [1, index as u64, number as u64];
+            let shot = Shot { open_s, warm_lamp: true, angles, darks: &[], key };
             exposures.push(self.photograph(&file, &shot)?);
         }
         let frames =
@@ -269,11 +283,11 @@ impl Steps<'_> {
         self.samples.push((index, counts));
     }
 
-    fn photograph(&mut self, file: &str, shot: &Shot) -> Result<ExposureRecord> {
+    fn photograph(&mut self, file: &str, shot: &Shot<'_>) -> Result<ExposureRecord> {
         let exposure = self.station.photograph(&self.run.rig, &self.run.path.join(file), shot)?;
         Ok(ExposureRecord {
             file: file.into(),
-            open_s: f64::from(exposure.open_us) * 1e-6,
+            open_s: f64::from(exposure.open_us) / 1e6,
             lamp_reading: f64::from(exposure.reference_q8) / 256.0,
         })
     }

@@ -69,7 +69,7 @@ impl Station {
     ///
     /// # Errors
     /// Failures of the rig; when no try gave a right photograph, with what was wrong with the last; on Ctrl-C.
-    pub(super) fn photograph(&mut self, config: &RigConfig, file: &Path, shot: &Shot) -> Result<Exposure> {
+    pub(super) fn photograph(&mut self, config: &RigConfig, file: &Path, shot: &Shot<'_>) -> Result<Exposure> {
         let mut last = String::new();
         for attempt in 1..=TRIES {
             match self.try_shot(config, file, shot)? {
@@ -88,7 +88,7 @@ impl Station {
         &mut self,
         config: &RigConfig,
         file: &Path,
-        shot: &Shot,
+        shot: &Shot<'_>,
     ) -> Result<std::result::Result<Exposure, String>> {
         let duration_us = (shot.open_s * 1e6).round() as u32;
         let aside = file.parent().and_then(Path::parent).unwrap_or(Path::new(".")).join(ASIDE);
@@ -101,7 +101,7 @@ impl Station {
                 return Ok(Err(format!("the shutter closed {late_us} µs late")));
             }
         };
-        let open_s = f64::from(exposure.open_us) * 1e-6;
+        let open_s = f64::from(exposure.open_us) / 1e6;
         let fired = Fired { config, shot, began, open_s, file, aside: &aside };
         match self.camera.take(&fired)? {
             Arrival::Taken => Ok(Ok(exposure)),

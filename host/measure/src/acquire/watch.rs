@@ -125,6 +125,15 @@ impl WatchedFolder {
                 }
                 let photograph = match frame::decode(&bytes, &path) {
                     Ok(photograph) => photograph,
+                    // As every photograph of this camera will be.
+                    Err(reason) if frame::is_turned(&bytes) => {
+                        let reason = reason.to_string();
+                        let why = reason.strip_prefix(&format!("{}: ", path.display())).unwrap_or(&reason);
+                        self.put_aside(&path, aside, why)?;
+                        deadline = deadline.min(Instant::now() + GRACE.min(self.timeout));
+                        wrong = Some(reason);
+                        continue;
+                    }
                     Err(reason) => {
                         self.pass_over(&path);
                         refused.insert(path, reason.to_string());
@@ -269,7 +278,7 @@ impl WatchedFolder {
     /// a second copy of one that was taken is removed. Whether it was a photograph.
     fn put_aside(&mut self, path: &Path, aside: &Path, why: &str) -> Result<bool> {
         let Some(bytes) = self.read_still(path)? else { return Ok(false) };
-        if frame::decode(&bytes, path).is_err() {
+        if frame::decode(&bytes, path).is_err() && !frame::is_turned(&bytes) {
             self.pass_over(path);
             return Ok(false);
         }

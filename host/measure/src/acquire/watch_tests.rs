@@ -193,6 +193,27 @@ fn a_late_photograph_is_put_aside_before_the_next_shot_and_a_wrong_one_while_the
     );
 }
 
+/// A frame whose Orientation is 3.
+fn turned() -> Vec<u8> {
+    use tiff::encoder::{TiffEncoder, colortype::Gray16};
+    let mut bytes = Cursor::new(Vec::new());
+    let mut encoder = TiffEncoder::new(&mut bytes).unwrap();
+    let mut image = encoder.new_image::<Gray16>(8, 6).unwrap();
+    image.encoder().write_tag(tiff::tags::Tag::Orientation, 3u16).unwrap();
+    image.write_data(&[9; 48]).unwrap();
+    bytes.into_inner()
+}
+
+#[test]
+fn a_turned_photograph_is_put_aside_with_its_reason_as_every_wrong_one_is() {
+    let mut place = Place::new(900);
+    let arrival = with_camera(&mut place, |photo| fs::write(photo("shot.tiff"), turned()).unwrap());
+    let told = |why: &str| why.contains("its Orientation is 3");
+    assert!(matches!(&arrival, Arrival::Missing { why, again: true } if told(why)), "{arrival:?}");
+    assert_eq!(place.photos(), Vec::<String>::new());
+    assert!(place.reasons().starts_with("shot.tiff: its Orientation is 3"), "{}", place.reasons());
+}
+
 #[test]
 fn a_file_that_stays_unfinished_is_never_taken_and_said_so() {
     let mut place = Place::new(700);

@@ -79,6 +79,11 @@ pub fn decode(bytes: &[u8], path: &Path) -> Result<Photograph> {
     Ok(Photograph { width, height, values, notes: notes(bytes) })
 }
 
+/// Whether the bytes of a file are those of a photograph that says that it is turned.
+pub(crate) fn is_turned(bytes: &[u8]) -> bool {
+    mosaic::is_turned(bytes)
+}
+
 /// What the EXIF block of a file says.
 fn notes(bytes: &[u8]) -> ExifNotes {
     let Ok(block) = exif::Reader::new().read_from_container(&mut Cursor::new(bytes)) else {

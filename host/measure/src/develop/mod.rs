@@ -21,6 +21,7 @@ use lobelia_reflectance::sampled::{
 use lobelia_reflectance::warning::samples::PoseSamples;
 
 pub mod camera;
+pub(crate) mod dark;
 pub mod fiducials;
 pub mod frame;
 pub mod homography;
@@ -32,6 +33,8 @@ pub mod registration;
 pub mod resample;
 pub mod seen;
 mod shifted;
+
+pub use shifted::explain;
 
 use frame::RawFrame;
 use radiance::{BracketedFrame, DarkSignal, MosaicRadiance};
@@ -121,9 +124,15 @@ pub fn run_with(folder: &Path, options: &Options) -> Result<Developed> {
     let samples = registered.map(|(pose, (_, _, texels))| (pose, texels.counts)).collect();
     let mut registrations: Vec<_> = developed.into_iter().map(|(_, registration, _)| registration).collect();
     let common_fault = shifted::explain(&photographs.run, &mut registrations)?;
-    if let Some(why) = registrations.iter().all(|r| r.is_err()).then(|| registrations.first()).flatten() {
-        let reason = why.as_ref().err().map_or("", |unregistered| &unregistered.why);
-        return Err(Error::input(format!("no pose could be registered; pose 0: {reason}")));
+    if registrations.iter().all(|found| found.is_err()) {
+        // Why the first one was not that should have been.
+        let tried = registrations.iter().enumerate().find(|(pose, _)| !options.skip.contains(pose));
+        return Err(Error::input(match tried {
+            Some((pose, Err(unregistered))) => {
+                format!("no pose could be registered; pose {pose}: {unregistered}")
+            }
+            _ => "all poses are left out, so there is nothing to develop".to_string(),
+        }));
     }
     Ok(Developed { sampled, registrations, samples, common_fault, left_out: photographs.left_out() })
 }
@@ -222,7 +231,7 @@ impl Photographs {
     }
 
     /// Damaged frames so far, and why each is left out, in order.
-    fn left_out(&self) -> Vec<String> {
+    pub fn left_out(&self) -> Vec<String> {
         let mut sentences = self.damaged.lock().unwrap_or_else(PoisonError::into_inner).clone();
         sentences.sort();
         sentences
@@ -248,14 +257,18 @@ impl Photographs {
             return Ok(nothing("none of its frames can be read".into()));
         }
         let camera = &self.run.rig.camera;
+        let angles = self.run.plan.angles(index);
         let mosaic = radiance::merge(camera, &self.dark, &bracket).map_err(at)?;
         let registration = match radiance::contradiction(camera, &self.dark, &bracket) {
-            Some((first, second)) => Err(format!(
-                "{} and {} do not show the same, so one of them is another pose's or has another exposure than it says",
-                exposures[first].file, exposures[second].file
-            )
-            .into()),
-            None => registration::register(&self.run.rig, &mosaic, &self.run.plan.angles(index)),
+            Some((first, second)) => {
+                let why = format!(
+                    "{} and {} do not show the same, so one of them is another pose's or has another exposure than it says",
+                    exposures[first].file, exposures[second].file
+                );
+                let shown = bracket.iter().map(|one| registration::shown(&self.run.rig, &one.frame, &angles));
+                Err(Unregistered { why, elsewhere: None, contradictory: shown.collect() })
+            }
+            None => registration::register(&self.run.rig, &mosaic, &angles),
         };
         Ok((mosaic, registration))
     }
@@ -379,13 +392,25 @@ fn dark_signal(run: &RunFolder, partial: bool) -> Result<(DarkSignal, Vec<String
         _ => None,
     });
     let times: Vec<f64> = recorded.clone().map(|exposure| exposure.open_s).collect();
+    let hint = |error: Error| error.hint("--partial leaves it out, if there are others");
     for exposure in recorded {
         match dark_frame(run, exposure) {
-            Ok(frame) => frames.push(frame),
+            Ok(frame) => frames.push((exposure, frame)),
             Err(error) if partial => damaged.push(error.to_string()),
-            Err(error) => return Err(error.hint("--partial leaves it out, if there are others")),
+            Err(error) => return Err(hint(error)),
         }
     }
+    let lit = lit_frames(&run.rig, &frames);
+    let (kept, lit): (Vec<_>, Vec<_>) = frames.into_iter().zip(lit).partition(|(_, lit)| lit.is_none());
+    for ((exposure, _), why) in lit {
+        let file = run.path.join(&exposure.file);
+        let error = Error::input(format!("{}: {}", file.display(), why.unwrap_or_default()));
+        if !partial {
+            return Err(hint(error));
+        }
+        damaged.push(error.to_string());
+    }
+    let frames: Vec<RawFrame> = kept.into_iter().map(|((_, frame), _)| frame).collect();
     let span = |times: &mut dyn Iterator<Item = f64>| {
         times.fold((f64::MAX, 0.0f64), |(least, most), time| (least.min(time), most.max(time)))
     };
@@ -395,6 +420,20 @@ fn dark_signal(run: &RunFolder, partial: bool) -> Result<(DarkSignal, Vec<String
     }
     let dark = DarkSignal::from_frames(&run.rig.camera, &frames);
     Ok((dark.map_err(|error| error.at(run.path.display()))?, damaged))
+}
+
+/// Why each dark frame is none, of those that are not.
+fn lit_frames(config: &RigConfig, frames: &[(&ExposureRecord, RawFrame)]) -> Vec<Option<String>> {
+    let camera = &config.camera;
+    let with_tags: Vec<_> = frames.par_iter().map(|(_, frame)| dark::shows_tags(config, frame)).collect();
+    let lit = |(k, (_, frame)): (usize, &(&ExposureRecord, RawFrame))| {
+        let others = frames.iter().zip(&with_tags).enumerate();
+        let mut dark = others.filter(|(other, (_, tags))| *other != k && tags.is_none());
+        let darker = dark.find(|(_, ((_, other), _))| dark::outshines(camera, frame, other));
+        darker.map(|(_, ((other, _), _))| format!("it shows more light than the dark frame {}", other.file))
+    };
+    let found: Vec<_> = frames.par_iter().enumerate().map(lit).collect();
+    with_tags.into_iter().zip(found).map(|(tags, lit)| tags.or(lit)).collect()
 }
 
 /// Reads a dark frame, which the lamp must not have lit.

@@ -19,6 +19,8 @@ const ORIENTATION: u16 = 274;
 const SAMPLES: u16 = 277;
 const ROWS_PER_STRIP: u16 = 278;
 const STRIP_BYTES: u16 = 279;
+const SUB_IMAGES: u16 = 330;
+const DNG_VERSION: u16 = 50706;
 
 /// Photometric interpretations: black is zero; colour filter array.
 const BLACK_IS_ZERO: u32 = 1;
@@ -34,6 +36,11 @@ pub(super) struct Mosaic {
     pub(super) height: usize,
     /// Values row by row.
     pub(super) values: Vec<u16>,
+}
+
+/// Whether a file says that its rows do not lie as the sensor's.
+pub(super) fn is_turned(bytes: &[u8]) -> bool {
+    Directory::first(bytes).and_then(|directory| directory.number(ORIENTATION)).is_some_and(|value| value > 1)
 }
 
 /// Reads the first image of a file.
@@ -72,6 +79,10 @@ pub(super) fn read(bytes: &[u8]) -> Result<Mosaic, String> {
                 "its {bits}-bit pixels are compressed by {how}, which is not read together; store them uncompressed or in 16 bits"
             )),
         },
+        // The first image of a raw file is a small view of it.
+        _ if [SUB_IMAGES, DNG_VERSION].iter().any(|&tag| directory.entry(tag).is_some()) => Err(
+            "a camera's raw file (as DNG or NEF), which is not read; have it converted to a TIFF of the mosaic, 16 bits a value".into(),
+        ),
         (bits, samples) => Err(format!(
             "not a mosaic of 16, 14, 12 or 10 bits: it has {samples} values of {bits} bits a pixel"
         )),
@@ -99,7 +110,8 @@ fn whole(bytes: &[u8], directory: &Directory<'_>) -> Result<Mosaic, String> {
         TiffError::UnsupportedError(error) => {
             format!("the frame is a TIFF of a kind that is not read: {error}")
         }
-        error => format!("the frame is truncated or not a TIFF: {error}"),
+        // The reader's own words tell of its buffers.
+        _ => "the frame is truncated or not a TIFF".into(),
     };
     let mut grey = bytes.to_vec();
     if directory.number(PHOTOMETRIC) == Some(FILTER_ARRAY)

@@ -114,6 +114,9 @@ const DISAGREEMENT: f64 = 0.2;
 /// A bracket is contradictory when more than this share of the pixels that can be compared disagree: edges do when the rig shakes.
 const MOST_DISAGREEING: f64 = 0.25;
 
+/// Two exposures can be told to be dark and light where noise is below this part of the brighter.
+const TOLD: f64 = 0.7;
+
 /// Fewer pixels than this say nothing.
 const LEAST_COMPARED: usize = 200;
 
@@ -136,18 +139,24 @@ pub fn contradiction(
         (value < limit).then_some((signal / time, noise.sqrt() / time))
     };
     let contradict = |first: &BracketedFrame, second: &BracketedFrame| {
-        let (mut compared, mut disagreeing) = (0, 0);
+        // Where a difference of a fifth would show, and where at least darkness in one and light in the other would.
+        let (mut fine, mut coarse) = ([0_usize; 2], [0_usize; 2]);
         for k in 0..first.frame.values.len().min(second.frame.values.len()) {
             let (Some((a, noise_a)), Some((b, noise_b))) = (seen(k, first), seen(k, second)) else {
                 continue;
             };
             let (noise, most) = (6.0 * noise_a.hypot(noise_b), DISAGREEMENT * a.max(b));
-            if noise < most {
-                compared += 1;
-                disagreeing += usize::from((a - b).abs() > noise + most);
+            let disagree = usize::from((a - b).abs() > noise + most);
+            for (counts, told) in [(&mut fine, noise < most), (&mut coarse, noise < TOLD * a.max(b))] {
+                if told {
+                    counts[0] += 1;
+                    counts[1] += disagree;
+                }
             }
         }
-        compared >= LEAST_COMPARED && disagreeing as f64 > MOST_DISAGREEING * f64::from(compared as u32)
+        [fine, coarse].iter().any(|&[compared, disagreeing]| {
+            compared >= LEAST_COMPARED && disagreeing as f64 > MOST_DISAGREEING * compared as f64
+        })
     };
     let pairs = (1..bracket.len()).map(|second| (second - 1, second));
     pairs.into_iter().find(|&(first, second)| contradict(&bracket[first], &bracket[second]))
@@ -307,6 +316,11 @@ mod tests {
         assert_eq!(check(scene(0.5, 5, 1.0)), Some((0, 1)), "another pose");
         assert_eq!(check(scene(0.5, 0, 0.5)), Some((0, 1)), "half as long as is said");
         assert_eq!(contradiction(&camera, &dark, &[scene(0.05, 0, 1.0)]), None);
+        // A frame late: darkness in the place of the short exposure, and that in the place of the long one. The exposures are those that
+        // the controller made for each place.
+        let late =
+            [BracketedFrame { frame: frame(&camera, 0.05, 0.0), lamp_relative: 1.0 }, scene(0.5, 0, 0.1)];
+        assert_eq!(contradiction(&camera, &dark, &late), Some((0, 1)), "darkness and light");
     }
 
     #[test]

@@ -46,6 +46,19 @@ pub struct Unregistered {
     pub why: String,
     /// Where its tags put the sample, if they show it where the motors cannot have put it: another pose, most likely.
     pub elsewhere: Option<SeenPose>,
+    /// What each of its exposures shows by itself, where they do not show the same.
+    pub contradictory: Vec<Shown>,
+}
+
+/// Which pose one exposure shows.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Shown {
+    /// The one that the motors had.
+    Own,
+    /// Another one.
+    Elsewhere(SeenPose),
+    /// None that its tags tell of.
+    Nothing,
 }
 
 impl fmt::Display for Unregistered {
@@ -56,7 +69,7 @@ impl fmt::Display for Unregistered {
 
 impl From<String> for Unregistered {
     fn from(why: String) -> Self {
-        Self { why, elsewhere: None }
+        Self { why, elsewhere: None, contradictory: Vec::new() }
     }
 }
 
@@ -87,7 +100,8 @@ pub fn register(
     let found = SeenPose::find(config, angles, &homography, &corners).ok_or("the tags determine no pose")?;
     let difference = found.difference(config, angles);
     if !difference.allowed {
-        return Err(Unregistered { why: contradiction(angles, &difference), elsewhere: Some(found) });
+        let why = contradiction(angles, &difference);
+        return Err(Unregistered { why, elsewhere: Some(found), contradictory: Vec::new() });
     }
     let pose = pose::estimate(config, angles, &corners).ok_or("the tags contradict the motors' angles")?;
     let squares = corners.iter().map(|c| (homography.invert(c.image) - c.plane_mm).length_squared());
@@ -105,6 +119,30 @@ pub fn register_frame(
     frame: &RawFrame,
     angles: &MotorAngles,
 ) -> Result<Registration, Unregistered> {
+    register(config, &without_dark_frames(config, frame), angles)
+}
+
+/// What one exposure of a pose shows by itself.
+pub(super) fn shown(config: &RigConfig, frame: &RawFrame, angles: &MotorAngles) -> Shown {
+    match register_frame(config, frame, angles) {
+        Ok(_) => Shown::Own,
+        Err(Unregistered { elsewhere: Some(seen), .. }) => Shown::Elsewhere(seen),
+        Err(_) => Shown::Nothing,
+    }
+}
+
+/// How many of the carrier's tags a frame shows.
+pub(super) fn tags_seen(config: &RigConfig, frame: &RawFrame) -> usize {
+    let image = grey(config, &without_dark_frames(config, frame));
+    let mut seen = fiducials::detect(&image);
+    seen.retain_mut(|detection| {
+        known_tag(config, detection.id).is_some() && fiducials::refine(&image, detection).is_some()
+    });
+    config.carrier.tags.iter().filter(|tag| seen.iter().any(|detection| detection.id == tag.id)).count()
+}
+
+/// The radiance that one exposure shows, the dark signal taken for the black level.
+fn without_dark_frames(config: &RigConfig, frame: &RawFrame) -> MosaicRadiance {
     let camera = &config.camera;
     let saturated = super::radiance::saturation(camera);
     let value = |(k, &value): (usize, &u16)| {
@@ -114,8 +152,7 @@ pub fn register_frame(
         if value < saturated { light as f32 } else { f32::NAN }
     };
     let data = frame.values.iter().enumerate().map(value).collect();
-    let mosaic = MosaicRadiance { width: frame.width, height: frame.height, data, variance: Vec::new() };
-    register(config, &mosaic, angles)
+    MosaicRadiance { width: frame.width, height: frame.height, data, variance: Vec::new() }
 }
 
 /// What to say of tags that show the sample where the motors cannot have put it.

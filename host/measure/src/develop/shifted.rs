@@ -1,7 +1,7 @@
-//! What photographs have in common whose tags show the sample where the motors did not put it: whose pose each shows, a run that is
-//! shifted as a whole, a carrier that sits askew.
+//! What photographs have in common that are not of their pose: whose pose each shows, a run that is shifted as a whole or by single
+//! photographs, a carrier that sits askew.
 
-use super::registration::{Registration, Unregistered};
+use super::registration::{Shown, Unregistered};
 use super::seen::SeenPose;
 use crate::rig::geometry::MotorAngles;
 use crate::run::RunFolder;
@@ -15,9 +15,9 @@ const LEAST: usize = 3;
 /// # Errors
 /// An input error for a run most of whose photographs are those of other poses by the same shift, or most of whose poses are off alike:
 /// the few that seem right are so by chance.
-pub(super) fn explain(
+pub fn explain<T>(
     run: &RunFolder,
-    registrations: &mut [std::result::Result<Registration, Unregistered>],
+    registrations: &mut [std::result::Result<T, Unregistered>],
 ) -> Result<Option<String>> {
     let elsewhere: Vec<(usize, SeenPose)> = registrations
         .iter()
@@ -36,12 +36,18 @@ pub(super) fn explain(
             unregistered.why += &format!("; they fit pose {other}, whose photograph it may be");
         }
     }
-    if elsewhere.len() < LEAST {
+    let contradictory: Vec<(usize, &[Shown])> = registrations
+        .iter()
+        .enumerate()
+        .filter_map(|(pose, found)| Some((pose, found.as_ref().err()?.contradictory.as_slice())))
+        .filter(|(_, shown)| !shown.is_empty())
+        .collect();
+    let of_poses = || shift(run, &elsewhere, shows).or_else(|| askew(run, &elsewhere));
+    let of_poses = if elsewhere.len() < LEAST { None } else { of_poses() };
+    let of_exposures = mixed(&contradictory, shows);
+    let faults = of_poses.into_iter().chain(of_exposures);
+    let Some(fault) = faults.reduce(|most, other| if other.poses > most.poses { other } else { most }) else {
         return Ok(None);
-    }
-    let fault = match (shift(run, &elsewhere, shows), askew(run, &elsewhere)) {
-        (Some(fault), _) | (None, Some(fault)) => fault,
-        (None, None) => return Ok(None),
     };
     let registered = registrations.iter().filter(|found| found.is_ok()).count();
     if fault.poses > registered {
@@ -85,9 +91,49 @@ fn shift(
     let poses_off =
         if distance == 1 { "the pose".to_string() } else { format!("the pose {distance} places") };
     let sentence = format!(
-        "{poses} photographs, of poses {first} to {last}, show {poses_off} {which} theirs: from pose {first} on the camera's \\
+        "{poses} photographs, of poses {first} to {last}, show {poses_off} {which} theirs: from pose {first} on the camera's \
          photographs are shifted against the rig's poses, so photograph these poses again"
     );
+    Some(CommonFault { poses, sentence })
+}
+
+/// Exposures of one pose that do not show the same, in several poses: those of a shift by fewer photographs than a pose has show its
+/// own pose and a neighbour's.
+fn mixed(
+    contradictory: &[(usize, &[Shown])],
+    shows: impl Fn(&SeenPose, usize) -> bool,
+) -> Option<CommonFault> {
+    let poses = contradictory.len();
+    if poses < LEAST {
+        return None;
+    }
+    let of = |shown: &Shown, pose: Option<usize>| match (shown, pose) {
+        (Shown::Elsewhere(seen), Some(pose)) => shows(seen, pose),
+        _ => false,
+    };
+    let late = |(pose, shown): &(usize, &[Shown])| matches!(shown, [first, .., Shown::Own] if of(first, pose.checked_sub(1)));
+    let early = |(pose, shown): &(usize, &[Shown])| matches!(shown, [Shown::Own, .., last] if of(last, pose.checked_add(1)));
+    let places = |is: &dyn Fn(&(usize, &[Shown])) -> bool| -> Vec<usize> {
+        contradictory.iter().filter(|one| is(one)).map(|(pose, _)| *pose).collect()
+    };
+    let (late, early) = (places(&late), places(&early));
+    let (shifted, which) = if late.len() >= early.len() {
+        (late, "first show the pose before")
+    } else {
+        (early, "last show the pose after")
+    };
+    let sentence = match shifted.as_slice() {
+        [first, .., last] if 2 * shifted.len() > poses && shifted.len() >= LEAST => format!(
+            "of the photographs of {} poses, {first} to {last}, the {which} theirs and the others their own: the camera's photographs are \
+             shifted by less than a pose against the rig's exposures, so photograph these poses again",
+            shifted.len()
+        ),
+        _ => format!(
+            "the exposures of {poses} poses do not show the same: either photographs are in others' places, or the camera did not expose \
+             for as long as the controller opened the shutter; look at camera.exif in rig.toml and at the camera's exposure, and \
+             photograph these poses again"
+        ),
+    };
     Some(CommonFault { poses, sentence })
 }
 
@@ -112,7 +158,7 @@ fn askew(run: &RunFolder, elsewhere: &[(usize, SeenPose)]) -> Option<CommonFault
     }
     let [pan, tilt, roll] = [pan, tilt, roll].map(f64::to_degrees);
     let sentence = format!(
-        "the tags of {poses} poses show the sample off by about the same: pan {pan:+.1}°, tilt {tilt:+.1}°, roll {roll:+.1}°; \\
+        "the tags of {poses} poses show the sample off by about the same: pan {pan:+.1}°, tilt {tilt:+.1}°, roll {roll:+.1}°; \
          correct home_deg of these axes in rig.toml, or the way the carrier sits and the tags' places"
     );
     Some(CommonFault { poses, sentence })

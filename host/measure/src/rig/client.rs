@@ -408,7 +408,7 @@ impl RigClient {
         Err(silent())
     }
 
-    /// The sentence for a refusal; the report of a fault, which names the axis, goes in front.
+    /// The sentence for a refusal; of a fault that of its report, which names the axis.
     fn refused(&mut self, refusal: Refusal) -> Error {
         // Reports come after answers.
         while self.faults.is_empty() && matches!(refusal, Refusal::Faulted(_)) {
@@ -416,12 +416,9 @@ impl RigClient {
                 break;
             }
         }
-        let error = explain::refusal(refusal);
         match (refusal, self.faults.last()) {
-            (Refusal::Faulted(_), Some(report)) if report.axis.is_some() => {
-                error.at(explain::fault_report(report))
-            }
-            _ => error,
+            (Refusal::Faulted(set), Some(report)) if report.axis.is_some() => explain::faulted(set, report),
+            _ => explain::refusal(refusal),
         }
     }
 

@@ -135,6 +135,9 @@ impl Default for Driver {
     }
 }
 
+/// Share of the way from the home switch's edge to the hard stop in which an axis that looks for its switch must come to rest.
+const STOPPING_SHARE: f64 = 0.8;
+
 fn default_jerk() -> f64 {
     400.0
 }
@@ -185,6 +188,32 @@ impl Default for Axes {
 }
 
 impl Axis {
+    /// How far the axis goes from a speed, °/s, till it rests, once its home switch has closed: the jerk is limited at both ends.
+    fn stopping_deg(&self, speed: f64) -> f64 {
+        let (acceleration, jerk) = (self.acceleration_deg_s2, self.jerk_deg_s3);
+        let braking_s = if speed * jerk < acceleration * acceleration {
+            2.0 * (speed / jerk).sqrt()
+        } else {
+            speed / acceleration + acceleration / jerk
+        };
+        let debounce_s = self.homing.clone().unwrap_or_default().debounce_ms / 1e3;
+        speed * (0.5 * braking_s + debounce_s)
+    }
+
+    /// The highest speed, °/s, from which the axis stops well before the hard stop when it finds its home switch closed.
+    fn stopping_speed_deg_s(&self) -> f64 {
+        let room = STOPPING_SHARE * self.home_switch_deg;
+        let (mut low, mut high) = (0.0, self.max_speed_deg_s);
+        if self.stopping_deg(high) <= room {
+            return high;
+        }
+        for _ in 0..60 {
+            let middle = 0.5 * (low + high);
+            *(if self.stopping_deg(middle) <= room { &mut low } else { &mut high }) = middle;
+        }
+        low
+    }
+
     /// The axis in the controller's steps; `None` when a number is out of range.
     fn parameters(&self) -> Option<AxisParameters> {
         let signed = |degrees: f64| {
@@ -194,7 +223,10 @@ impl Axis {
         let positive = |degrees: f64| signed(degrees).and_then(|steps| u32::try_from(steps).ok());
         let settle_ms = (self.settle_s * 1e3).round();
         let homing = self.homing.clone().unwrap_or_default();
-        let speed = |own: Option<f64>, part: f64| positive(own.unwrap_or(self.max_speed_deg_s / part));
+        let stopping = self.stopping_speed_deg_s();
+        let speed = |own: Option<f64>, part: f64| {
+            positive(own.unwrap_or((self.max_speed_deg_s / part).min(stopping)))
+        };
         let far_limit = match homing.end {
             End::Lower => self.max_deg,
             End::Upper => self.min_deg,
@@ -592,7 +624,7 @@ impl RigConfig {
                 value => value,
             };
             let read: std::result::Result<Self, _> = file.clone().try_into();
-            let read = read.map_err(|error| refused(error.message()))?;
+            let read = read.map_err(|error| refused(&lobelia_base::toml_file::plain(error.message())))?;
             read.validate().map_err(|error| refused(&error.to_string()))?;
         }
         file.try_into()
@@ -664,7 +696,8 @@ mod tests {
             ("camera.focal_px", "KEY=VALUE"),
             ("camera.focal=3", "unknown field"),
             ("camera.focal_px.x=3", "no such key"),
-            ("camera.width=\"wide\"", "invalid type"),
+            ("camera.width=\"wide\"", "expected a whole number"),
+            ("carrier.texels_across=1e5", "the number `100000.0`, expected a whole number"),
             ("camera.white_level=10", "white_level"),
             ("camera.f_number=", "no TOML"),
         ] {

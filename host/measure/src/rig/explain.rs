@@ -92,8 +92,18 @@ pub(crate) fn fault_report(report: &FaultReport) -> String {
     fault(report.fault, report.axis)
 }
 
+/// Why a request failed because of faults, one of which was reported with its axis.
+pub(crate) fn faulted(set: Faults, report: &FaultReport) -> Error {
+    let others = set.iter().filter(|one| *one != report.fault).map(|one| fault(one, None));
+    Error::failure(with_advice(std::iter::once(fault_report(report)).chain(others)))
+}
+
 fn faults(set: Faults) -> String {
-    let mut sentences: Vec<_> = set.iter().map(|one| fault(one, None)).collect();
+    with_advice(set.iter().map(|one| fault(one, None)))
+}
+
+fn with_advice(sentences: impl Iterator<Item = String>) -> String {
+    let mut sentences: Vec<_> = sentences.collect();
     sentences.push("clear the faults and home the rig before it moves again".to_owned());
     sentences.join("; ")
 }

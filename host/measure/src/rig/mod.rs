@@ -17,3 +17,4 @@ mod wire;
 
 pub use client::RigClient;
 pub use port::{Port, open_port};
+pub(crate) use wire::PLUG_IN;

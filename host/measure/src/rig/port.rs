@@ -66,6 +66,9 @@ fn open_serial(name: &str) -> Result<Box<dyn Port>> {
         let message = "no serial port; name one as /dev/ttyACM0, or tcp://host:port, or sim";
         return Err(Error::input(format!("port {name} is {message}")));
     }
+    if name.is_empty() {
+        return Err(Error::input("--port is empty; name one as /dev/ttyACM0, or tcp://host:port, or sim"));
+    }
     match serialport::new(name, BAUD).open() {
         Ok(port) => Ok(Box::new(port)),
         Err(error) => {

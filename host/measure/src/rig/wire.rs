@@ -114,10 +114,11 @@ impl Wire {
     }
 }
 
+/// What to do once the link is lost.
+pub(crate) const PLUG_IN: &str = "; plug it in, then start again (acquire: with --resume)";
+
 fn lost(error: &std::io::Error) -> Error {
-    Error::failure(format!(
-        "the link to the rig's controller was lost ({error}); plug it in, then start again (acquire: with --resume)"
-    ))
+    Error::failure(format!("the link to the rig's controller was lost ({error}){PLUG_IN}"))
 }
 
 #[cfg(test)]

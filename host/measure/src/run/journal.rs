@@ -2,7 +2,7 @@
 //!
 //! A run killed at any moment leaves whole records and at most one torn last line, which reading drops.
 
-use std::fs::{File, OpenOptions};
+use std::fs::{File, OpenOptions, TryLockError};
 use std::io::{Read, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 
@@ -10,6 +10,8 @@ use serde::{Deserialize, Serialize};
 
 use lobelia_base::durable;
 use lobelia_base::error::{Error, Result};
+use lobelia_base::files;
+use lobelia_base::toml_file::plain;
 
 /// Name of the journal in a run's folder.
 pub const FILE_NAME: &str = "journal.jsonl";
@@ -124,7 +126,9 @@ impl Journal {
         refuse_recorded(folder)?;
         let path = folder.join(FILE_NAME);
         let opened = OpenOptions::new().append(true).create(true).open(&path);
-        let emptied = opened.and_then(|file| file.set_len(0).map(|()| file));
+        let file = opened.map_err(|error| Error::writing(&path, error))?;
+        lock(&file, folder)?;
+        let emptied = file.set_len(0).map(|()| file);
         let kept = emptied.and_then(|file| {
             file.sync_all()?;
             durable::sync_folder(folder)?;
@@ -140,11 +144,10 @@ impl Journal {
     /// Input errors for a missing or damaged journal, naming the line.
     pub fn resume(folder: &Path) -> Result<(Self, Vec<Record>)> {
         let path = folder.join(FILE_NAME);
-        let mut file = OpenOptions::new()
-            .read(true)
-            .write(true)
-            .open(&path)
-            .map_err(|error| Error::reading(&path, error).at("no run to resume"))?;
+        let mut file = OpenOptions::new().read(true).write(true).open(&path).map_err(|error| {
+            no_run(folder).unwrap_or_else(|| Error::reading(&path, error)).at("no run to resume")
+        })?;
+        lock(&file, folder)?;
         let (records, whole) = parse(&mut file, &path)?;
         file.set_len(whole).map_err(|error| Error::writing(&path, error))?;
         file.seek(SeekFrom::End(0)).map_err(|error| Error::writing(&path, error))?;
@@ -164,6 +167,18 @@ impl Journal {
     }
 }
 
+/// Keeps a run to one process at a time, until its journal is closed or the process is gone. Where a file system has no locks, nothing is
+/// kept.
+fn lock(journal: &File, folder: &Path) -> Result<()> {
+    match journal.try_lock() {
+        Err(TryLockError::WouldBlock) => {
+            let message = "another acquire is at work on this run; let it end, or stop it with Ctrl-C";
+            Err(Error::input(format!("{}: {message}", folder.display())))
+        }
+        Ok(()) | Err(TryLockError::Error(_)) => Ok(()),
+    }
+}
+
 /// Refuses a folder whose journal holds a record, and one with files of something else, which a run would overwrite.
 ///
 /// # Errors
@@ -171,7 +186,8 @@ impl Journal {
 pub fn refuse_recorded(folder: &Path) -> Result<()> {
     let refused = |why: &str| Err(Error::input(format!("{}: {why}", folder.display())));
     match std::fs::read(folder.join(FILE_NAME)) {
-        Ok(bytes) if bytes.contains(&b'\n') => {
+        // A run that has done nothing yet, as one whose rig the controller refuses, has nothing to lose.
+        Ok(bytes) if bytes.contains(&b'\n') && !has_only_begun(&bytes) => {
             refused("a run was recorded here already; continue it with --resume or name another folder")
         }
         Ok(_) => Ok(()),
@@ -186,14 +202,33 @@ pub fn refuse_recorded(folder: &Path) -> Result<()> {
     }
 }
 
+/// Whether a journal's one whole line says that a run began.
+fn has_only_begun(journal: &[u8]) -> bool {
+    let Some(end) = journal.iter().position(|&byte| byte == b'\n') else { return true };
+    let begun = matches!(serde_json::from_slice(&journal[..end]), Ok(Record::Started { .. }));
+    begun && !journal[end + 1..].contains(&b'\n')
+}
+
 /// Reads the whole records of a run.
 ///
 /// # Errors
 /// Input errors for a missing or damaged journal, naming the line.
 pub fn read(folder: &Path) -> Result<Vec<Record>> {
     let path = folder.join(FILE_NAME);
-    let mut file = File::open(&path).map_err(|error| Error::reading(&path, error))?;
+    let mut file =
+        File::open(&path).map_err(|error| no_run(folder).unwrap_or_else(|| Error::reading(&path, error)))?;
     Ok(parse(&mut file, &path)?.0)
+}
+
+/// What is where a run should be, if that is none.
+fn no_run(folder: &Path) -> Option<Error> {
+    let what = match files::what_is(folder) {
+        Some("a run") => return None,
+        _ if !folder.exists() => "there is no such run".to_string(),
+        Some(what) => format!("{what}, not a run, which has a {FILE_NAME}"),
+        None => format!("a file, not a run's folder, which has a {FILE_NAME}"),
+    };
+    Some(Error::input(format!("{}: {what}", folder.display())))
 }
 
 /// The whole records and the length of the text that holds them.
@@ -206,7 +241,11 @@ fn parse(file: &mut File, path: &Path) -> Result<(Vec<Record>, u64)> {
         .enumerate()
         .map(|(index, line)| {
             serde_json::from_slice(line).map_err(|error| {
-                Error::input(format!("{}, line {}: damaged record: {error}", path.display(), index + 1))
+                // The parser knows of this line alone.
+                let place = format!(" at line {} column {}", error.line(), error.column());
+                let why = plain(&error.to_string().replace(&place, ""));
+                let (path, line, column) = (path.display(), index + 1, error.column());
+                Error::input(format!("{path}, line {line}, column {column}: damaged record: {why}"))
             })
         })
         .collect::<Result<Vec<Record>>>()?;
@@ -232,6 +271,7 @@ mod tests {
         let path = folder.path().join(FILE_NAME);
         let mut journal = Journal::create(folder.path()).unwrap();
         records().iter().for_each(|record| journal.append(record).unwrap());
+        drop(journal);
         let bytes = std::fs::read(&path).unwrap();
         for length in 0..=bytes.len() {
             std::fs::write(&path, &bytes[..length]).unwrap();
@@ -244,12 +284,43 @@ mod tests {
     }
 
     #[test]
+    fn a_run_that_is_being_written_is_left_to_the_one_that_writes_it() {
+        let folder = tempfile::tempdir().unwrap();
+        let mut first = Journal::create(folder.path()).unwrap();
+        first.append(&records()[0]).unwrap();
+        let error = Journal::resume(folder.path()).err().unwrap();
+        assert!(error.exit_code() == 2 && error.to_string().contains("another acquire"), "{error}");
+        first.append(&records()[1]).unwrap();
+        assert_eq!(read(folder.path()).unwrap().len(), 2, "who only reads may");
+        drop(first);
+        assert_eq!(Journal::resume(folder.path()).unwrap().1.len(), 2);
+    }
+
+    #[test]
+    fn a_run_that_has_only_begun_may_be_begun_anew() {
+        let folder = tempfile::tempdir().unwrap();
+        let started =
+            Record::Started { lobelia: "1".into(), plan_sha256: "a".into(), rig_sha256: "b".into() };
+        Journal::create(folder.path()).unwrap().append(&started).unwrap();
+        let mut anew = Journal::create(folder.path()).unwrap();
+        anew.append(&started).unwrap();
+        anew.append(&records()[0]).unwrap();
+        drop(anew);
+        assert_eq!(read(folder.path()).unwrap().len(), 2);
+        assert!(Journal::create(folder.path()).is_err());
+    }
+
+    #[test]
     fn a_damaged_line_is_named_and_a_second_run_in_the_folder_refused() {
         let folder = tempfile::tempdir().unwrap();
         Journal::create(folder.path()).unwrap().append(&records()[0]).unwrap();
         assert!(Journal::create(folder.path()).err().unwrap().to_string().contains("--resume"));
         std::fs::write(folder.path().join(FILE_NAME), "{\"record\":\"homed\",\"controller_us\":1}\n{]\n")
             .unwrap();
-        assert!(read(folder.path()).unwrap_err().to_string().contains("line 2"));
+        let message = read(folder.path()).unwrap_err().to_string();
+        assert!(
+            message.contains("line 2, column 2: damaged record") && !message.contains("line 1"),
+            "{message}"
+        );
     }
 }

@@ -33,8 +33,9 @@ impl Token<'_> {
             Err(_) if text.contains([',', ';']) => Err(invalid(
                 *line,
                 format!(
-                    "{} is `{text}`, which has a comma; write decimals with a point and put spaces between numbers",
-                    what()
+                    "{} is `{text}`, which has a {}; write decimals with a point and put spaces between numbers",
+                    what(),
+                    if text.contains(';') { "semicolon" } else { "comma" }
                 ),
             )),
             Err(_) => Err(invalid(*line, format!("{} is `{text}`, which is not a number", what()))),
@@ -187,6 +188,7 @@ mod tests {
             ("0.1 0 0.2 0 1 -2".into(), "line 4: row 1: the value at 550 nm is -2 sr⁻¹"),
             ("0.1 0 0.2 0 1 two".into(), "line 4: row 1: the value at 550 nm is `two`"),
             ("0.1,0,0.2,0,1,2".into(), "line 4: row 1: a number is `0.1,0,0.2,0,1,2`, which has a comma"),
+            ("0.1;0;0.2;0;1;2".into(), "line 4: row 1: a number is `0.1;0;0.2;0;1;2`, which has a semicolon"),
             ("0,1 0 0,2 0 1 2".into(), "line 4: row 1: theta_i is `0,1`, which has a comma; write decimals"),
             ("0.1 0 0.2 0 1 1e301".into(), "line 4: row 1: the value at 550 nm is 1e301 sr⁻¹"),
             (

@@ -35,7 +35,7 @@
 //! target = [0.0, 0.6, 0.0]
 //! ```
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use glam::{Affine3A, DVec3, EulerRot, Quat, Vec2, Vec3};
@@ -46,7 +46,7 @@ use super::{
     Scene, shapes, shipped, showcase,
 };
 use lobelia_base::error::{Error, Result};
-use lobelia_base::toml_file;
+use lobelia_base::{files, toml_file};
 use lobelia_reflectance::mip;
 use lobelia_reflectance::{Lobe, LobeBrdf, Rgb, SbrdfMap, colour, materials};
 
@@ -184,13 +184,13 @@ impl Scene {
     /// # Errors
     /// Input errors that name the file and the line or the key.
     pub fn read(path: &Path) -> Result<Self> {
-        if let Some(what) = other_file(path) {
+        if let Some(what) = files::what_is(path) {
             return Err(Error::input(format!(
                 "{}: {what}, not a scene; a scene is a .toml file that names it (lobelia template scene prints one)",
                 path.display()
             )));
         }
-        let file: SceneFile = toml_file::read(path)?;
+        let file: SceneFile = toml_file::read_as(path, toml_file::Kind::Scene)?;
         let folder = path.parent().unwrap_or(Path::new(""));
         build(file, folder).map_err(|error| error.at(path.display()))
     }
@@ -215,15 +215,22 @@ impl Scene {
     }
 }
 
-/// What a file is by its name's ending, where that cannot be a scene.
-fn other_file(path: &Path) -> Option<&'static str> {
-    Some(match path.extension()?.to_string_lossy().to_lowercase().as_str() {
-        "exr" => "an SBRDF map or a picture",
-        "hdr" | "pic" | "png" | "jpg" | "jpeg" => "a picture",
-        "gltf" | "glb" | "obj" | "ply" => "a mesh",
-        "zarr" => "a sampled SBRDF",
-        _ => return None,
-    })
+/// The MIP levels that lie beside a map, which must be its own: those of an earlier map of that name would show from afar alone.
+fn levels_of(
+    finest: &Path,
+    map: &SbrdfMap,
+    levels: Vec<(PathBuf, Arc<SbrdfMap>)>,
+) -> Result<Vec<Arc<SbrdfMap>>> {
+    let known = || levels.iter().filter_map(|(file, level)| Some((file, level.attributes.get(mip::OF)?)));
+    let of = known().next().map(|_| mip::fingerprint(map));
+    if let Some((file, _)) = known().find(|(_, whose)| Some(*whose) != of.as_ref()) {
+        return Err(Error::input(format!(
+            "key map: {}: a MIP level of another map than {}; fit again with --mip, or remove the levels",
+            file.display(),
+            finest.display()
+        )));
+    }
+    Ok(levels.into_iter().map(|(_, level)| level).collect())
 }
 
 /// Turns the parsed file into a checked scene.
@@ -325,7 +332,11 @@ fn material(entry: &MaterialFile, folder: &Path) -> Result<Material> {
         };
         let map = read(&path)?;
         let files = (1..=mip::last([map.width, map.height])).map(|level| mip::path(&path, level));
-        levels = files.take_while(|file| file.exists()).map(|file| read(&file)).collect::<Result<_>>()?;
+        levels = files
+            .take_while(|file| file.exists())
+            .map(|file| read(&file).map(|level| (file, level)))
+            .collect::<Result<Vec<_>>>()
+            .and_then(|levels| levels_of(&path, &map, levels))?;
         Reflectance::Map(map)
     } else if let Some(name) = &entry.published {
         Reflectance::Uniform(published(name)?)
@@ -521,6 +532,21 @@ mod tests {
         write("m.mip2.exr", 1, 1, false);
         let message = Scene::read(&path).unwrap_err().to_string();
         assert!(message.contains("MIP level 2") && message.contains("2 × 1"), "{message}");
+
+        // A level that knows its map is no other map's, of the same size and one coefficient apart.
+        let mut map = SbrdfMap::new(5, 3, 1);
+        let mut level = SbrdfMap::new(3, 2, 1);
+        level.attributes.insert(mip::OF.into(), mip::fingerprint(&map));
+        level.write_exr(&folder.path().join("m.mip1.exr")).unwrap();
+        std::fs::remove_file(folder.path().join("m.mip2.exr")).unwrap();
+        let read = |map: &SbrdfMap| {
+            map.write_exr(&folder.path().join("m.exr")).unwrap();
+            Scene::read(&path).map(|scene| scene.objects[0].material.levels.len())
+        };
+        assert_eq!(read(&map).unwrap(), 1);
+        map.lobes[0].n[7] = 1.5;
+        let message = read(&map).unwrap_err().to_string();
+        assert!(message.contains("m.mip1.exr: a MIP level of another map than"), "{message}");
     }
 
     #[test]

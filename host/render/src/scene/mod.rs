@@ -187,6 +187,9 @@ impl Camera {
     }
 }
 
+/// Coordinates beyond this have no volumes in single precision, by which rays meet triangles.
+const FARTHEST: f32 = 1e12;
+
 impl Light {
     /// Refuses numbers that no renderer can work with.
     fn check(&self) -> Result<()> {
@@ -311,6 +314,15 @@ impl Scene {
             let place = format!("object \"{}\"", object.name);
             if !object.transform.is_finite() || object.transform.matrix3.determinant() == 0.0 {
                 return Err(Error::input("the transform is singular or not finite").at(place));
+            }
+            let reach = |vertex: &mesh::Vertex| {
+                object.transform.transform_point3(vertex.position).abs().max_element()
+            };
+            let farthest = object.mesh.vertices.iter().map(reach).fold(0.0, f32::max);
+            if farthest > FARTHEST {
+                let message =
+                    format!("it reaches {farthest:.1e} from the middle; use less than {FARTHEST:.0e}");
+                return Err(Error::input(message).at(place));
             }
             if !object.material.tiling.is_finite() {
                 return Err(Error::input("material: tiling is not finite").at(place));

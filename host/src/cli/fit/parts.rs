@@ -12,7 +12,9 @@ use crate::files;
 use crate::fit::FitOptions;
 use crate::fit::chunks::{self, Part};
 use crate::fit::held_out::HeldOut;
+use crate::progress::counted;
 use crate::provenance::Texts;
+use crate::reflectance::MapEncoding;
 use crate::sampled::SampledStore;
 
 impl FitArgs {
@@ -55,7 +57,7 @@ pub(super) fn fit(
     let mut shard = chunks::fit_part(store, options, part, &tally)?;
     shard.attributes.extend(made.clone());
     held.iter().for_each(|held| held.note(&mut shard));
-    write_map(&shard, output)?;
+    write_map(&shard, output, MapEncoding::Tiles)?;
     let seconds = start.elapsed().as_secs_f64();
     outcome.figures.insert("texels".into(), shard.width.into());
     outcome.figures.insert("texels_per_second".into(), (shard.width as f64 / seconds.max(1e-9)).into());
@@ -94,9 +96,9 @@ pub(super) fn merge(args: &FitArgs, seed: u64) -> Result<FitOutcome> {
     if let (Some((_, options)), Some(shard)) = (&levels, args.merge.first()) {
         chunks::same_options(shard, options)?;
     }
-    write_map(&map, output)?;
+    write_map(&map, output, args.encoding())?;
     if let Some((store, options)) = &levels {
-        write_levels(store, options, output, (&args.made, held.as_ref()))?;
+        write_levels(store, options, (output, &map, args.encoding()), (&args.made, held.as_ref()))?;
     }
     let mut outcome = sampled_outcome(&map, start.elapsed().as_secs_f64());
     // Joining is no fit: its rate would mislead.
@@ -106,8 +108,8 @@ pub(super) fn merge(args: &FitArgs, seed: u64) -> Result<FitOutcome> {
         None => String::new(),
     };
     warnings::of_joined(&mut outcome, store.as_ref(), &map)?;
-    let (file, shards) = (output.display(), args.merge.len());
+    let (file, shards) = (output.display(), counted(args.merge.len() as u64, "shard", "shards"));
     let residuals = outcome.residuals();
-    print(&format!("{file}: {} texels of {shards} shards\n{residuals}{held_out}", map.width * map.height))?;
+    print(&format!("{file}: {} texels of {shards}\n{residuals}{held_out}", map.width * map.height))?;
     Ok(outcome)
 }

@@ -51,7 +51,7 @@ pub(super) fn fit(
     let seconds = start.elapsed().as_secs_f64();
     held.iter().for_each(|held| held.note(&mut pooled.map));
     pooled.map.attributes.extend(args.made.clone());
-    write_map(&pooled.map, output)?;
+    write_map(&pooled.map, output, args.encoding())?;
     let mut outcome = sampled_outcome(&pooled.map, seconds);
     let outside = regions.of.iter().filter(|region| region.is_none()).count();
     outcome.figures.insert("texels_outside_regions".into(), outside.into());

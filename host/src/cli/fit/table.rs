@@ -11,6 +11,7 @@ use crate::error::{Error, Result};
 use crate::figures::ErrorFigure;
 use crate::fit::table::{self, Size, TableOptions, Take, WavelengthFit, judge};
 use crate::fit::{Method, Residual};
+use crate::progress::counted;
 use crate::reflectance::{MeasuredTable, Rgb, SbrdfMap};
 use serde_json::json;
 
@@ -39,6 +40,9 @@ pub(super) fn fit(args: &FitArgs, input: &Path, seed: u64) -> Result<FitOutcome>
         return Err(Error::input(
             "--diffuse-percentile and --separate-channels are for sampled SBRDFs (.zarr)",
         ));
+    }
+    if args.robust {
+        return Err(Error::input("--robust is for sampled SBRDFs (.zarr)"));
     }
     if args.normals {
         return Err(Error::input("--normals is for sampled SBRDFs (.zarr): tables are isotropic"));
@@ -86,7 +90,7 @@ pub(super) fn fit(args: &FitArgs, input: &Path, seed: u64) -> Result<FitOutcome>
     if let Some(output) = &args.output {
         let mut map = table_map(&fits, &options);
         map.attributes.extend(args.made.clone());
-        write_map(&map, output)?;
+        write_map(&map, output, args.encoding())?;
     }
     let mut outcome = FitOutcome { errors: table::figures(&fits, &options), ..FitOutcome::default() };
     outcome.figures.insert("rows".into(), measured.rows.len().into());
@@ -156,9 +160,9 @@ fn write_description(
     let (method, residual) = (options.method.name(), options.residual.name());
     writeln!(
         text,
-        "{} rows, {method}, {residual} residual: {} fits in {seconds:.1} s",
-        measured.rows.len(),
-        fits.len()
+        "{}, {method}, {residual} residual: {} in {seconds:.1} s",
+        counted(measured.rows.len() as u64, "row", "rows"),
+        counted(fits.len() as u64, "fit", "fits")
     )?;
     let held_out = !options.hold_out_theta_deg.is_empty();
     write!(text, "\n{:>8}  {:<20} {:>12} {:>11}", "nm", "lobes", "train log", "relative")?;
@@ -237,7 +241,7 @@ fn write_description(
 /// A standard deviation behind its coefficient; empty where it is not known.
 fn give_or_take(deviation: Option<f64>, digits: usize) -> String {
     match deviation {
-        Some(deviation) if deviation.is_finite() => format!(" ±{deviation:.digits$}"),
+        Some(deviation) if deviation.is_finite() => format!(" ±{:.digits$}", deviation.abs()),
         Some(_) => " (untold)".into(),
         None => String::new(),
     }

@@ -8,14 +8,17 @@ use clap::Args;
 use lobelia_protocol::{Axis, AxisParameters, Configuration, DriverParameters, Settings};
 
 use super::{Connection, Session};
-use crate::cli::Context;
-use crate::error::{Error, Result};
+use crate::cli::{Context, seconds_of};
+use crate::error::Result;
 use crate::interrupt;
 use crate::rig::config::RigConfig;
 use crate::rig::{RigClient, monitor, status};
 
 /// How often the monitor looks at the status.
 const LOOK: Duration = Duration::from_millis(200);
+
+/// Telemetry comes no faster.
+const LEAST_TELEMETRY_S: f64 = 0.02;
 
 /// Arguments of `lobelia rig status`.
 #[derive(Debug, Args)]
@@ -60,13 +63,8 @@ pub(super) struct ParamsArgs {
 /// When watching ends, by the controller's clock.
 fn end_us(client: &mut RigClient, for_s: Option<f64>) -> Result<u64> {
     let Some(seconds) = for_s else { return Ok(u64::MAX) };
-    let time = self::seconds(seconds)?;
+    let time = seconds_of("--for-s", seconds, 0.0)?;
     Ok(client.status()?.uptime_us.saturating_add(time.as_micros() as u64))
-}
-
-/// A time from the command line.
-fn seconds(seconds: f64) -> Result<Duration> {
-    Duration::try_from_secs_f64(seconds).map_err(|error| Error::input(format!("{seconds} s: {error}")))
 }
 
 /// Runs `lobelia rig status`.
@@ -103,9 +101,10 @@ pub(super) fn status(args: &StatusArgs, context: &mut Context) -> Result<()> {
 
 /// Runs `lobelia rig monitor`.
 pub(super) fn monitor(args: &MonitorArgs, context: &mut Context) -> Result<()> {
+    let every = args.telemetry_s.map(|seconds| seconds_of("--telemetry-s", seconds, LEAST_TELEMETRY_S));
+    let telemetry = every.transpose()?;
     let (config, mut client) = args.session.connect(context)?;
     let end_us = end_us(&mut client, args.for_s)?;
-    let telemetry = args.telemetry_s.map(seconds).transpose()?;
     client.watch(telemetry, true)?;
     let mut before = client.status()?;
     let mut events = 0_u64;

@@ -17,6 +17,9 @@ const POSITIVE: RangeInclusive<f64> = 1e-12..=1e12;
 /// The same with 0.
 const NOT_NEGATIVE: RangeInclusive<f64> = 0.0..=1e12;
 
+/// The shortest lease that a host keeps which speaks every half second, and may be late once.
+const LEAST_LEASE_S: f64 = 1.0;
+
 impl RigConfig {
     /// Checks what types cannot.
     ///
@@ -29,6 +32,14 @@ impl RigConfig {
         }
         for (key, value, range) in self.ranges() {
             in_range(value, &range).map_err(|why| refused(key, &why))?;
+        }
+        for (key, lease) in [("lamp.lease_s", self.lamp.lease_s), ("motion.lease_s", self.motion.lease_s)] {
+            if lease != 0.0 && lease < LEAST_LEASE_S {
+                let why = format!(
+                    "is {lease}, must be 0 for never or at least {LEAST_LEASE_S}: the host is heard every half second"
+                );
+                return Err(refused(key, &why));
+            }
         }
         self.check_camera()?;
         self.check_tags()
@@ -145,7 +156,7 @@ impl RigConfig {
 
 /// Exposures that the controller makes, s.
 pub fn exposures_s() -> RangeInclusive<f64> {
-    f64::from(*EXPOSURE_US.start()) * 1e-6..=f64::from(*EXPOSURE_US.end()) * 1e-6
+    f64::from(*EXPOSURE_US.start()) / 1e6..=f64::from(*EXPOSURE_US.end()) / 1e6
 }
 
 /// A refusal that names the key.
@@ -196,6 +207,27 @@ fn check_axis(axis: &Axis) -> std::result::Result<(), (&'static str, String)> {
     }
     let homing = axis.homing.clone().unwrap_or_default();
     homing.check(axis.max_speed_deg_s)?;
+    let fits = axis.stopping_speed_deg_s();
+    let too_fast = |speed: f64| {
+        format!(
+            "is {speed}, from which the axis needs {:.2}° to stop, too much of home_switch_deg, {}; at most {fits:.2} fits",
+            axis.stopping_deg(speed),
+            axis.home_switch_deg
+        )
+    };
+    for (key, speed) in
+        [("homing.speed_deg_s", homing.speed_deg_s), ("homing.slow_speed_deg_s", homing.slow_speed_deg_s)]
+    {
+        if let Some(speed) = speed.filter(|speed| *speed > fits) {
+            return Err((key, too_fast(speed)));
+        }
+    }
+    // A search that must creep would never end.
+    let slowest = axis.max_speed_deg_s / 1e3;
+    if fits < slowest {
+        let why = format!("is {}, so little that the axis could not stop within it", axis.home_switch_deg);
+        return Err(("home_switch_deg", why));
+    }
     match homing.end {
         _ if axis.full_turn => {}
         End::Lower if axis.home_deg >= axis.min_deg => {

@@ -20,7 +20,8 @@ pub enum End {
 pub struct Homing {
     /// At which end the switch is.
     pub end: End,
-    /// Speed of the first search; a third of the highest where it is left out.
+    /// Speed of the first search. Where it is left out a third of the highest, or less where the axis could not stop from that within
+    /// `home_switch_deg`.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub speed_deg_s: Option<f64>,
     /// Speed at which the edge is measured; a sixtieth of the highest where it is left out.
@@ -114,6 +115,34 @@ mod tests {
         assert_eq!((tilt.home_speed, tilt.home_slow_speed, tilt.home_position), (1000, 78, 7326));
         // From the lower limit up to the switch, and 20° more.
         assert!((f64::from(tilt.home_travel) * 0.0129 - 204.5).abs() < 0.02);
+    }
+
+    /// By hand: from 20°/s at 20°/s² the way is v²/2a = 10° and more for the jerk, and the hard stop stands 8° behind the edge.
+    #[test]
+    fn an_axis_that_brakes_softly_looks_for_its_switch_so_slowly_that_it_stops_before_the_hard_stop() {
+        let mut config = RigConfig::default();
+        let speed_deg_s = |config: &RigConfig| {
+            let axis = config.configuration().unwrap().axes[0];
+            f64::from(axis.home_speed) * config.axes.pan.degrees_per_step
+        };
+        assert!((speed_deg_s(&config) - 20.0).abs() < 0.02, "a third of the highest where that is safe");
+        for acceleration in [40.0, 20.0, 10.0, 5.0] {
+            config.axes.pan.acceleration_deg_s2 = acceleration;
+            config.validate().unwrap();
+            let speed = speed_deg_s(&config);
+            let way = speed * speed / (2.0 * acceleration) + speed * acceleration / (2.0 * 1200.0);
+            assert!(
+                way < 7.0 && speed > 0.9 * (2.0f64 * 5.5 * acceleration).sqrt().min(20.0),
+                "{speed} {way}"
+            );
+        }
+        config.axes.pan.homing = Some(Homing { speed_deg_s: Some(20.0), ..Homing::default() });
+        let error = config.validate().unwrap_err().to_string();
+        assert!(error.contains("axes.pan.homing.speed_deg_s is 20, from which the axis needs"), "{error}");
+        config.axes.pan.homing = None;
+        config.axes.pan.home_switch_deg = 1e-6;
+        let error = config.validate().unwrap_err().to_string();
+        assert!(error.contains("axes.pan.home_switch_deg"), "{error}");
     }
 
     #[test]

@@ -18,7 +18,9 @@ const MOST_TRIANGLES: usize = 1 << 28;
 pub(super) fn read(path: &Path) -> Result<RawMesh> {
     let (document, buffers) = gltf_json::read(path)?;
     let file = File { document, buffers };
-    file.mesh().map_err(|message| Error::reading(path, message))
+    let (raw, others) = file.mesh().map_err(|message| Error::reading(path, message))?;
+    super::left_out(path, others, "primitives of points or lines");
+    Ok(raw)
 }
 
 /// A document with its buffers.
@@ -30,10 +32,11 @@ struct File {
 type Fallible<T> = std::result::Result<T, String>;
 
 impl File {
-    fn mesh(&self) -> Fallible<RawMesh> {
+    /// The triangles, and how many primitives are something else.
+    fn mesh(&self) -> Fallible<(RawMesh, usize)> {
         let places = self.places()?;
         let mut raw = RawMesh::default();
-        let mut others = false;
+        let mut others = 0;
         for (index, node) in self.document.nodes.iter().enumerate() {
             let (Some(place), Some(mesh)) = (places.shown[index].then_some(places.world[index]), node.mesh)
             else {
@@ -47,7 +50,7 @@ impl File {
             let weights = node.weights.as_ref().or(mesh.weights.as_ref()).map_or(&[][..], Vec::as_slice);
             for primitive in &mesh.primitives {
                 let Some(triangles) = self.triangles(primitive)? else {
-                    others = true;
+                    others += 1;
                     continue;
                 };
                 let shape = self.shape(primitive, weights)?;
@@ -65,10 +68,10 @@ impl File {
                 }
             }
         }
-        if raw.triangles.is_empty() && others {
+        if raw.triangles.is_empty() && others > 0 {
             return Err("it has only points and lines, which are no surfaces".into());
         }
-        Ok(raw)
+        Ok((raw, others))
     }
 
     /// Where every node stands, and which belong to the scene.

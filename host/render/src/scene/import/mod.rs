@@ -14,6 +14,7 @@ use glam::DVec3;
 
 use super::mesh::Mesh;
 use lobelia_base::error::{Error, Result};
+use lobelia_base::progress;
 
 impl Mesh {
     /// Reads every triangle of a `.gltf`, `.glb`, `.obj` or `.ply` file into one mesh, and what its positions are relative to: 0, or the
@@ -30,6 +31,13 @@ impl Mesh {
             _ => return Err(Error::reading(path, "a mesh is a .gltf, .glb, .obj or .ply file")),
         };
         Self::from_raw(raw).map_err(|error| error.at(path.display()))
+    }
+}
+
+/// Says what of a file is no surface, where there is such.
+fn left_out(path: &Path, count: usize, what: &str) {
+    if count > 0 {
+        progress::note(&format!("{}: {count} {what} are left out, which are no surfaces", path.display()));
     }
 }
 

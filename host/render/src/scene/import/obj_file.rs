@@ -13,7 +13,14 @@ use lobelia_base::error::{Error, Result};
 pub(super) fn read(path: &Path) -> Result<RawMesh> {
     let bytes = std::fs::read(path).map_err(|error| Error::reading(path, error))?;
     // Names and comments may be in any encoding; what is read of the file is ASCII.
-    parse(&String::from_utf8_lossy(&bytes))
+    // A byte-order mark would hide the first line's keyword.
+    let bytes = bytes.strip_prefix(&[0xef, 0xbb, 0xbf]).unwrap_or(&bytes);
+    let text = String::from_utf8_lossy(bytes);
+    let others = lines(&text).filter(|(_, content)| {
+        matches!(content.split_whitespace().next(), Some("l" | "p" | "curv" | "curv2" | "surf"))
+    });
+    super::left_out(path, others.count(), "points, lines or curved surfaces");
+    parse(&text)
         .map_err(|(line, message)| Error::input(format!("{}, line {line}: {message}", path.display())))
 }
 

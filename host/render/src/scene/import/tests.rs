@@ -77,6 +77,14 @@ fn parts_with_texture_coordinates_and_normals_keep_them_beside_parts_without() {
     assert!(along(|v| v.uv.x) > 0.9 && along(|v| v.uv.y) > 0.9);
 }
 
+/// Editors put U+FEFF in front; the first line is the file's as any other.
+#[test]
+fn a_byte_order_mark_costs_an_obj_no_line() {
+    let text = "v 0 0 0\nv 3 0 0\nv 0 2 0\nv 9 9 9\nf 1 2 3\n";
+    let (_folder, path) = write("marked.obj", format!("\u{feff}{text}").as_bytes());
+    assert!((area(&Mesh::read(&path).unwrap().0) - 3.0).abs() < 1e-6);
+}
+
 #[test]
 fn odd_but_sound_files_are_read() {
     for name in ["obj/usemtl-empty.obj", "obj/latin1.obj", "ply/latin1comment.ply", "ply/ascii-blank.ply"] {
