@@ -21,12 +21,10 @@ use crate::homing::{Homing, Purpose};
 use crate::lamp::Lamp;
 use crate::link::Link;
 use crate::motion::axis::AxisDrive;
-use crate::motion::parameters;
 use crate::motion::pulses::{Pulses, PulsesCell};
 use crate::safety::alarm::Alarms;
 use crate::safety::{EmergencyStop, Safety};
 use crate::shutter::Shutter;
-use crate::storage;
 use watch::Watch;
 use wiring::{Lines, Wiring};
 
@@ -112,6 +110,8 @@ pub struct Controller<B: Board> {
     safety: Safety<B::Input>,
     link: Link<B::Link>,
     configuration: Option<Configuration>,
+    /// Whether it was polled before, and has looked for stored parameters.
+    started: bool,
     running: Option<Running>,
     /// Requests that wait for their turn, in order.
     waiting: Deque<Request, WAITING>,
@@ -138,9 +138,6 @@ impl<B: Board> Controller<B> {
         let mut options = options;
         let lines = Lines::of(&mut options);
         let timed_shutter = options.timed_shutter.take();
-        let stored = options.storage.as_mut().and_then(|storage| storage::load(&mut **storage));
-        let most = options.most_steps_per_s;
-        let configuration = stored.filter(|stored| parameters::validate(stored, most).is_ok());
         let Peripherals { axes, steps, shutter, lamp, lamp_level, photodiode, emergency_stop, link } =
             peripherals;
         let mut number = 0..;
@@ -149,10 +146,7 @@ impl<B: Board> Controller<B> {
         });
         let mut pulses = Pulses::new(steps, [pan.1, tilt.1, roll.1, light.1]);
         pulses.trains.set_bearable(options.bearable_late_us.min(1_000_000));
-        if let Some(Configuration { settings, .. }) = &configuration {
-            pulses.trains.set_timing(settings.pulse_us, settings.direction_setup_us);
-        }
-        let mut controller = Self {
+        Self {
             axes: [pan.0, tilt.0, roll.0, light.0],
             pulses: B::Pulses::keep(pulses),
             now_us: 0,
@@ -169,6 +163,7 @@ impl<B: Board> Controller<B> {
             safety: Safety::new(emergency_stop),
             link: Link::new(link),
             configuration: None,
+            started: false,
             running: None,
             waiting: Deque::new(),
             refused: 0,
@@ -177,15 +172,7 @@ impl<B: Board> Controller<B> {
             fan_runs: false,
             beat: false,
             heard_us: 0,
-        };
-        // Parameters that the board can't obey are as good as none.
-        if let Some(configuration) = configuration.filter(|all| controller.check_alarms(all).is_ok()) {
-            if controller.wire(0, &configuration).is_err() {
-                controller.safety.latch(Fault::Hardware);
-            }
-            controller.configuration = Some(configuration);
         }
-        controller
     }
 
     /// When [`Self::tick`] has to be called next, unless a byte or the emergency stop comes first; in µs, and
@@ -249,6 +236,9 @@ impl<B: Board> Controller<B> {
     pub fn poll(&mut self, now_us: u64) {
         let in_time = now_us.saturating_sub(self.next_poll_us()) <= LATE_US;
         self.now_us = now_us;
+        if !core::mem::replace(&mut self.started, true) {
+            self.adopt_stored(now_us);
+        }
         if self.options.emergency_stop.is_some_and(EmergencyStop::take) {
             self.raise(now_us, Fault::EmergencyStop, None);
         }

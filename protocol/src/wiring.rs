@@ -29,6 +29,20 @@ pub enum Pin {
 }
 
 impl Pin {
+    /// Every pin, in the order of its bit in [`Pins`].
+    pub const ALL: [Self; 10] = [
+        Self::Step,
+        Self::Direction,
+        Self::Enable,
+        Self::Home,
+        Self::Alarm,
+        Self::Lamp,
+        Self::Shutter,
+        Self::Fan,
+        Self::OverTemperature,
+        Self::CameraReady,
+    ];
+
     const fn bit(self) -> u16 {
         1 << self as u8
     }

@@ -209,6 +209,24 @@ impl<B: Board> Controller<B> {
         self.configuration.ok_or(Refusal::NotConfigured)
     }
 
+    /// Takes the parameters that are stored, unless there are none or the board can't obey them.
+    #[inline(never)]
+    pub(super) fn adopt_stored(&mut self, now_us: u64) {
+        let Some(storage) = &mut self.options.storage else { return };
+        let Some(configuration) = storage::load(&mut **storage) else { return };
+        if parameters::validate(&configuration, self.options.most_steps_per_s).is_err()
+            || self.check_alarms(&configuration).is_err()
+        {
+            return;
+        }
+        let Configuration { settings, .. } = &configuration;
+        self.pulses.with(|pulses| pulses.trains.set_timing(settings.pulse_us, settings.direction_setup_us));
+        if self.wire(now_us, &configuration).is_err() {
+            self.raise(now_us, Fault::Hardware, None);
+        }
+        self.configuration = Some(configuration);
+    }
+
     /// Another configuration makes positions unknown: steps may mean something else.
     fn configure(&mut self, now_us: u64, settings: Settings) -> Result<(), Trouble> {
         let set = self.configuration.map(|configuration| configuration.axes);

@@ -10,7 +10,7 @@ use lobelia_hil_sim::optics::noise;
 use lobelia_hil_sim::optics::{
     BenchConfig, CameraModel, OpticalBench, RadianceImage, SampleLayout, SensorModel,
 };
-use lobelia_hil_sim::{AxisMechanics, LampConfig, MechanicsConfig, SimulatedRig};
+use lobelia_hil_sim::{AxisMechanics, LampConfig, MechanicsConfig, SimulatedRig, Wiring};
 use serde::{Deserialize, Serialize};
 
 use super::station::{Camera, Shot, Station};
@@ -199,5 +199,18 @@ pub fn mechanics(config: &RigConfig) -> MechanicsConfig {
         photodiode_counts: config.lamp.reference_reading,
         ..LampConfig::default()
     };
-    MechanicsConfig { seed: simulator.seed, pan: axis(0), tilt: axis(1), roll: axis(2), light: axis(3), lamp }
+    let wiring = Wiring {
+        axes: config.axes.in_order().map(|axis| axis.invert.iter().copied().collect()),
+        rest: config.wiring.invert.iter().copied().collect(),
+    };
+    MechanicsConfig {
+        seed: simulator.seed,
+        pan: axis(0),
+        tilt: axis(1),
+        roll: axis(2),
+        light: axis(3),
+        lamp,
+        wiring,
+        ..MechanicsConfig::default()
+    }
 }

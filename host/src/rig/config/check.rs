@@ -3,9 +3,9 @@
 
 use std::ops::RangeInclusive;
 
-use lobelia_protocol::EXPOSURE_US;
+use lobelia_protocol::{EXPOSURE_US, Pins};
 
-use super::{AXIS_NAMES, Axis, Driver, End, RigConfig};
+use super::{AXIS_NAMES, Axis, Driver, End, RigConfig, wiring};
 use crate::error::{Error, Result};
 
 /// Tags of the family 36h11 that are known: ids below this.
@@ -30,6 +30,7 @@ impl RigConfig {
         for (key, value, range) in self.ranges() {
             in_range(value, &range).map_err(|why| refused(key, &why))?;
         }
+        wiring::stranger(&self.wiring.invert, Pins::OF_RIG).map_err(|why| refused("wiring.invert", &why))?;
         self.check_camera()?;
         self.check_tags()
     }
@@ -194,6 +195,7 @@ fn check_axis(axis: &Axis) -> std::result::Result<(), (&'static str, String)> {
     for (key, value, range) in numbers {
         in_range(value, &range).map_err(|why| (key, why))?;
     }
+    wiring::stranger(&axis.invert, Pins::OF_AXIS).map_err(|why| ("invert", why))?;
     let homing = axis.homing.clone().unwrap_or_default();
     homing.check(axis.max_speed_deg_s)?;
     match homing.end {
