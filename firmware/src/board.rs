@@ -1,16 +1,17 @@
 //! What a board has to offer: pins, a lamp dimmer, a photodiode and a link.
 //!
 //! Pins are logical: high means stepping, forward, enabled, switch closed, shutter open, lamp burning, stop pressed.
-//! A board with inverted wiring inverts in its pin types. A home switch and the emergency stop should be wired so that
-//! a broken wire reads as closed and pressed.
+//! What a board's pins do by themselves is in its table of pins; what a rig has otherwise is in its parameters, and the controller
+//! inverts it. A home switch and the emergency stop should be wired so that a broken wire reads as closed and pressed.
 
-use embedded_hal::digital::{InputPin, OutputPin};
+use embedded_hal::digital::{ErrorType, InputPin, OutputPin};
 use embedded_hal::pwm::SetDutyCycle;
-use lobelia_protocol::{AXES, CrashRecord};
+use lobelia_protocol::{AXES, CrashRecord, Pins};
 
 use crate::driver::DriverBus;
 pub use crate::motion::pulses::{Pulses, PulsesCell};
 use crate::safety::EmergencyStop;
+use crate::safety::alarm::Alarms;
 use crate::storage::Storage;
 
 /// A link that carries bytes and never waits.
@@ -30,6 +31,71 @@ pub trait ByteLink {
 pub trait AnalogInput {
     /// A reading in counts; `None` when the converter fails.
     fn read(&mut self) -> Option<u16>;
+    /// Begins to read again and again by itself, for so many µs from now, at a rate that is no multiple of a dimmer's; false for an
+    /// input that can't. It is not asked to [`Self::read`] meanwhile.
+    fn begin(&mut self, duration_us: u32) -> bool {
+        let _ = duration_us;
+        false
+    }
+    /// What was read by itself and not given yet; `None` when the converter fails. To be called each millisecond: what is overwritten
+    /// before that is left out.
+    fn gather(&mut self) -> Option<Readings> {
+        None
+    }
+}
+
+/// Readings of an analog input, summed up.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Readings {
+    /// How many.
+    pub count: u32,
+    /// Their sum.
+    pub sum: u64,
+    /// The sum of their squares.
+    pub sum_of_squares: u64,
+}
+
+impl Readings {
+    /// Adds a reading.
+    pub fn add(&mut self, reading: u16) {
+        let reading = u64::from(reading);
+        self.count += 1;
+        self.sum += reading;
+        self.sum_of_squares += reading * reading;
+    }
+}
+
+impl core::ops::AddAssign for Readings {
+    fn add_assign(&mut self, more: Self) {
+        self.count += more.count;
+        self.sum += more.sum;
+        self.sum_of_squares += more.sum_of_squares;
+    }
+}
+
+/// A shutter that a timer opens and closes to the tick, whatever the program is doing.
+pub trait TimedShutter {
+    /// Opens it within 20 µs, for so many µs; gives when, in the lower half of the controller's time, or nothing when it can't.
+    fn open(&mut self, duration_us: u32) -> Option<u32>;
+    /// Closes it at once; false when it can't.
+    fn close(&mut self) -> bool;
+    /// Whether it is open, or about to be.
+    fn is_open(&mut self) -> bool;
+}
+
+/// The board's outputs as a whole.
+pub trait Outputs {
+    /// The wiring is known, of each axis and of the rest, and every output was told to be off by it. Pins that were left to the pulls outside
+    /// may be driven from now on; a crash's and the emergency stop's safe state goes by this wiring.
+    fn wired(&mut self, axes: [Pins; AXES], rest: Pins);
+}
+
+/// What resets the chip when its supply sinks, before the program does what it likes.
+pub trait BrownOut {
+    /// Whether its level is as the board wants it.
+    fn is_set(&mut self) -> bool;
+    /// Sets the level, which may hold the processor up as long as writing its flash does.
+    fn set(&mut self);
 }
 
 /// The step pins of all axes: a rising edge is one step.
@@ -105,8 +171,10 @@ pub const BEARABLE_LATE_US: u32 = 100;
 
 /// What a board may have besides.
 pub struct Options<B: Board> {
-    /// Of each axis: high while its driver sees a stall.
-    pub stall: [Option<B::Input>; AXES],
+    /// Of each axis: high while its driver tells an alarm, or a stall.
+    pub alarm: [Option<B::Input>; AXES],
+    /// What an interrupt at each change of the alarm inputs writes down; without one they are seen at polls only.
+    pub alarms: Option<&'static Alarms>,
     /// High: lamp or drivers are too hot.
     pub over_temperature: Option<B::Input>,
     /// High: the camera can take a photograph.
@@ -123,6 +191,12 @@ pub struct Options<B: Board> {
     pub crash: Option<CrashRecord>,
     /// High: the lamp's fan runs.
     pub fan: Option<B::Output>,
+    /// Takes the shutter pin's place.
+    pub timed_shutter: Option<&'static mut (dyn TimedShutter + Send)>,
+    /// Told when outputs may be driven.
+    pub outputs: Option<&'static mut (dyn Outputs + Send)>,
+    /// Set once, if it is otherwise, at rest and with the lamp dark.
+    pub brown_out: Option<&'static mut (dyn BrownOut + Send)>,
     /// Changes at each poll, every millisecond at least, while the controller is well: it feeds a retriggerable monostable whose output
     /// lets the lamp's relay close, so that the lamp goes out when the program hangs, however it hangs.
     pub heartbeat: Option<B::Output>,
@@ -143,7 +217,8 @@ pub trait Watchdog {
 impl<B: Board> Default for Options<B> {
     fn default() -> Self {
         Self {
-            stall: [const { None }; AXES],
+            alarm: [const { None }; AXES],
+            alarms: None,
             over_temperature: None,
             camera_ready: None,
             drivers: None,
@@ -152,6 +227,9 @@ impl<B: Board> Default for Options<B> {
             watchdog: None,
             crash: None,
             fan: None,
+            timed_shutter: None,
+            outputs: None,
+            brown_out: None,
             heartbeat: None,
             most_steps_per_s: None,
             bearable_late_us: BEARABLE_LATE_US,
@@ -162,6 +240,58 @@ impl<B: Board> Default for Options<B> {
 /// A pin that could not be driven or read.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) struct PinFailure;
+
+/// A pin as its rig has wired it.
+#[derive(Debug)]
+pub(crate) struct Line<P> {
+    pin: P,
+    /// Whether it is inverted; nothing while that is not known.
+    inverted: Option<bool>,
+}
+
+impl<P> Line<P> {
+    /// A pin of which nothing is known yet: an output is left as it is, an input taken as the board's table has it.
+    pub(crate) fn new(pin: P) -> Self {
+        Self { pin, inverted: None }
+    }
+
+    /// Tells it how it is wired.
+    pub(crate) fn wire(&mut self, inverted: bool) {
+        self.inverted = Some(inverted);
+    }
+}
+
+impl<P: ErrorType> ErrorType for Line<P> {
+    type Error = P::Error;
+}
+
+impl<P: OutputPin> OutputPin for Line<P> {
+    fn set_low(&mut self) -> Result<(), P::Error> {
+        match self.inverted {
+            None => Ok(()),
+            Some(false) => self.pin.set_low(),
+            Some(true) => self.pin.set_high(),
+        }
+    }
+
+    fn set_high(&mut self) -> Result<(), P::Error> {
+        match self.inverted {
+            None => Ok(()),
+            Some(false) => self.pin.set_high(),
+            Some(true) => self.pin.set_low(),
+        }
+    }
+}
+
+impl<P: InputPin> InputPin for Line<P> {
+    fn is_high(&mut self) -> Result<bool, P::Error> {
+        Ok(self.pin.is_high()? != (self.inverted == Some(true)))
+    }
+
+    fn is_low(&mut self) -> Result<bool, P::Error> {
+        self.is_high().map(|high| !high)
+    }
+}
 
 /// Drives a pin.
 pub(crate) fn set(pin: &mut impl OutputPin, high: bool) -> Result<(), PinFailure> {

@@ -6,6 +6,7 @@ mod light;
 mod moves;
 mod requests;
 mod watch;
+mod wiring;
 
 use core::array;
 
@@ -15,20 +16,23 @@ use lobelia_protocol::{
     Status, ToController,
 };
 
-use crate::board::{AxisPins, Board, Options, Peripherals, PinFailure, set};
+use crate::board::{AxisPins, Board, Line, Options, Peripherals, PinFailure, set};
 use crate::homing::{Homing, Purpose};
 use crate::lamp::Lamp;
 use crate::link::Link;
 use crate::motion::axis::AxisDrive;
-use crate::motion::parameters;
 use crate::motion::pulses::{Pulses, PulsesCell};
+use crate::safety::alarm::Alarms;
 use crate::safety::{EmergencyStop, Safety};
 use crate::shutter::Shutter;
-use crate::storage;
 use watch::Watch;
+use wiring::{Lines, Wiring};
 
 /// A loop that comes this much too late, in µs, doesn't feed the watchdog.
 const LATE_US: u64 = 1000;
+
+/// By then the supply has risen for good after power-up, µs.
+const SUPPLY_RISEN_US: u64 = 1_000_000;
 
 /// A command that takes time, being run.
 #[derive(Debug)]
@@ -94,12 +98,20 @@ pub struct Controller<B: Board> {
     /// While axes move: when [`Self::poll`] is due.
     poll_us: Option<u64>,
     options: Options<B>,
-    lamp: Lamp<B::Output, B::LampLevel>,
-    shutter: Shutter<B::Output>,
+    lines: Lines<B>,
+    /// How the pins were told that they are wired; nothing while no output may be driven.
+    wiring: Option<Wiring>,
+    /// What the alarm inputs are written down in where no interrupt does so; axes whose alarm was told.
+    own_alarms: Alarms,
+    alarmed: u8,
+    lamp: Lamp<Line<B::Output>, B::LampLevel>,
+    shutter: Shutter<Line<B::Output>>,
     photodiode: B::Photodiode,
     safety: Safety<B::Input>,
     link: Link<B::Link>,
     configuration: Option<Configuration>,
+    /// Whether it was polled before, and has looked for stored parameters.
+    started: bool,
     running: Option<Running>,
     /// Requests that wait for their turn, in order.
     waiting: Deque<Request, WAITING>,
@@ -124,9 +136,8 @@ impl<B: Board> Controller<B> {
     /// The same, on a board that has more than it needs.
     pub fn with_options(peripherals: Peripherals<B>, options: Options<B>) -> Self {
         let mut options = options;
-        let stored = options.storage.as_mut().and_then(|storage| storage::load(&mut **storage));
-        let most = options.most_steps_per_s;
-        let configuration = stored.filter(|stored| parameters::validate(stored, most).is_ok());
+        let lines = Lines::of(&mut options);
+        let timed_shutter = options.timed_shutter.take();
         let Peripherals { axes, steps, shutter, lamp, lamp_level, photodiode, emergency_stop, link } =
             peripherals;
         let mut number = 0..;
@@ -135,9 +146,6 @@ impl<B: Board> Controller<B> {
         });
         let mut pulses = Pulses::new(steps, [pan.1, tilt.1, roll.1, light.1]);
         pulses.trains.set_bearable(options.bearable_late_us.min(1_000_000));
-        if let Some(Configuration { settings, .. }) = &configuration {
-            pulses.trains.set_timing(settings.pulse_us, settings.direction_setup_us);
-        }
         Self {
             axes: [pan.0, tilt.0, roll.0, light.0],
             pulses: B::Pulses::keep(pulses),
@@ -145,12 +153,17 @@ impl<B: Board> Controller<B> {
             step_us: None,
             poll_us: None,
             options,
-            lamp: Lamp::new(lamp, lamp_level),
-            shutter: Shutter::new(shutter),
+            lines,
+            wiring: None,
+            own_alarms: Alarms::new(),
+            alarmed: 0,
+            lamp: Lamp::new(Line::new(lamp), lamp_level),
+            shutter: Shutter::new(Line::new(shutter), timed_shutter),
             photodiode,
             safety: Safety::new(emergency_stop),
             link: Link::new(link),
-            configuration,
+            configuration: None,
+            started: false,
             running: None,
             waiting: Deque::new(),
             refused: 0,
@@ -173,7 +186,7 @@ impl<B: Board> Controller<B> {
     /// When [`Self::poll`] has to be called next where an interrupt makes the steps, as [`Self::next_event_us`] where none does.
     pub fn next_poll_us(&self) -> u64 {
         let idle = || self.task_us().min(self.lease_end_us()).min(self.watch.next_us());
-        self.poll_us.unwrap_or_else(idle).min(self.lamp_us())
+        self.poll_us.unwrap_or_else(idle).min(self.lamp_us()).min(self.alarm_us())
     }
 
     /// When something is due for the task other than motion.
@@ -223,6 +236,9 @@ impl<B: Board> Controller<B> {
     pub fn poll(&mut self, now_us: u64) {
         let in_time = now_us.saturating_sub(self.next_poll_us()) <= LATE_US;
         self.now_us = now_us;
+        if !core::mem::replace(&mut self.started, true) {
+            self.adopt_stored(now_us);
+        }
         if self.options.emergency_stop.is_some_and(EmergencyStop::take) {
             self.raise(now_us, Fault::EmergencyStop, None);
         }
@@ -232,6 +248,7 @@ impl<B: Board> Controller<B> {
             Err(PinFailure) => self.raise(now_us, Fault::Hardware, None),
         }
         self.mind_temperature(now_us);
+        self.mind_alarms(now_us);
         // The shutter and the axes before bytes.
         if let Some(running) = self.running.take() {
             self.go_on(now_us, running);
@@ -257,6 +274,7 @@ impl<B: Board> Controller<B> {
         self.take_turns(now_us);
         self.mind_times(now_us);
         self.mind_fan(now_us);
+        self.mind_supply(now_us);
         self.tell(now_us);
         // A board whose pins fail, or that steps too late, is better off with a reset, which puts pins to their safe state.
         if in_time && !self.safety.faults().contains(Fault::Hardware) {
@@ -265,6 +283,19 @@ impl<B: Board> Controller<B> {
         self.link.flush();
         self.step_us = self.pulses.with(|pulses| pulses.next_us());
         self.poll_us = self.motion_us(now_us);
+    }
+
+    /// Sets the brown-out level, once and only if it is otherwise: at rest, dark, and with the supply risen.
+    fn mind_supply(&mut self, now_us: u64) {
+        let rests = self.running.is_none() && !self.axes.iter().any(AxisDrive::moving);
+        if now_us < SUPPLY_RISEN_US || !rests || self.lamp.is_on() {
+            return;
+        }
+        if let Some(brown_out) = self.options.brown_out.take()
+            && !brown_out.is_set()
+        {
+            brown_out.set();
+        }
     }
 
     /// Feeds what takes the controller for dead otherwise: the watchdog, and what holds the lamp's supply.
@@ -319,6 +350,7 @@ impl<B: Board> Controller<B> {
             faults: self.safety.faults(),
             emergency_stop: self.safety.pressed(),
             uptime_us: now_us,
+            alarms: self.active_alarms(),
         })
     }
 
@@ -430,7 +462,8 @@ impl<B: Board> Controller<B> {
         if danger {
             safe &= self.lamp.put_out(now_us).is_ok();
         }
-        if self.safety.latch(fault) {
+        // Each axis's alarm is told, not only the first.
+        if self.safety.latch(fault) || fault == Fault::DriverAlarm {
             self.link.events.alarm(Event::Fault(FaultReport { fault, axis, at_us: now_us }));
         }
         if !safe {

@@ -19,6 +19,7 @@ mod shutter;
 pub mod storage;
 
 pub use board::{
-    AnalogInput, AxisPins, Board, ByteLink, Options, Peripherals, Pulses, PulsesCell, StepPins, Watchdog,
+    AnalogInput, AxisPins, Board, BrownOut, ByteLink, Options, Outputs, Peripherals, Pulses, PulsesCell,
+    Readings, StepPins, TimedShutter, Watchdog,
 };
 pub use controller::Controller;

@@ -228,10 +228,10 @@ fn stall_ceases_all_steps_and_positions_are_unknown() {
     for _ in 0..300 {
         rig.pass_event();
     }
-    rig.bench.borrow_mut().stalled[3] = true;
+    rig.bench.borrow_mut().alarm[3] = true;
     assert!(matches!(refusal(rig.outcome(id)), Refusal::Faulted(faults) if faults.contains(Fault::Stall)));
     assert!(!rig.pass_event());
-    rig.bench.borrow_mut().stalled[3] = false;
+    rig.bench.borrow_mut().alarm[3] = false;
     rig.ask(Command::ClearFaults);
     assert_eq!(refusal(rig.ask(Command::MoveTo([0; 4]))), Refusal::PositionUnknown(Axis::Pan));
 }

@@ -3,6 +3,7 @@
 
 mod bench;
 
+use bench::devices::ShutterTimer;
 use bench::{Rig, SESSION, configuration, refusal};
 use lobelia_protocol::{Answer, Command, Fault, Field, Hello, Outcome, Refusal, ToController};
 
@@ -42,7 +43,10 @@ fn lamp_raised_from_a_lower_level_warms_up_anew_and_one_set_to_the_same_level_do
 
 /// A rig whose lamp is warm.
 fn lit() -> Rig {
-    let mut rig = Rig::homed();
+    rig_lit(Rig::homed())
+}
+
+fn rig_lit(mut rig: Rig) -> Rig {
     rig.ask(Command::Lamp { on: true, level: 65535 });
     rig.bench.borrow_mut().now_us += 10_000_000;
     rig
@@ -189,4 +193,108 @@ fn fan_runs_while_the_lamp_burns_and_for_its_time_after_that() {
     assert!(rig.bench.borrow().fan);
     while rig.pass_event() {}
     assert_eq!((rig.bench.borrow().fan, rig.bench.borrow().now_us), (false, out_us + 300_000_000));
+}
+
+/// A lit rig whose board has a timer for the shutter and a converter that reads by itself, and whose lamp's dimmer shows.
+fn equipped() -> Rig {
+    let rig = Rig::with_options(|options| options.timed_shutter = Some(Box::leak(Box::new(ShutterTimer))));
+    rig.bench.borrow_mut().devices.reads_by_itself = true;
+    rig.bench.borrow_mut().devices.ripple_percent = 20;
+    let rig = rig_lit(rig.ready(configuration()).at_home());
+    rig.bench.borrow_mut().devices.timed_us = None;
+    rig
+}
+
+#[test]
+fn converter_that_reads_by_itself_sees_the_dimmer_at_all_its_phases_over_just_the_open_time() {
+    let mut rig = equipped();
+    for duration_us in [500, 32_000, 250_000] {
+        let Outcome::Done(Answer::Exposed(exposure)) =
+            rig.ask(Command::Expose { duration_us, warm_lamp: true })
+        else {
+            panic!("no exposure")
+        };
+        // A reading each 4.571 µs, of 800 and 1200 in turn: a fifth of the mean.
+        assert!(exposure.readings.abs_diff(duration_us * 1000 / 4571) <= 1, "{exposure:?}");
+        assert!((exposure.reference_q8 / 256).abs_diff(1000) <= 10, "{exposure:?}");
+        assert!(exposure.flicker_ppm.abs_diff(200_000) < 3000, "{exposure:?}");
+    }
+}
+
+#[test]
+fn lamp_read_at_each_millisecond_shows_no_flicker_of_a_dimmer_of_the_same_crystal() {
+    // What the other way of reading is for: 1 ms is a whole number of the dimmer's periods.
+    let mut rig = lit();
+    let start_ns = 1_000_000_000;
+    let readings =
+        (0..32u64).map(|k| rig.bench.borrow().devices.light(start_ns + 500_000 + k * 1_000_000)).collect();
+    rig.bench.borrow_mut().readings = readings;
+    let Outcome::Done(Answer::Exposed(exposure)) = rig.ask(EXPOSE) else { panic!("no exposure") };
+    assert_eq!((exposure.readings, exposure.flicker_ppm), (32, 0));
+}
+
+#[test]
+fn timer_closes_the_shutter_to_the_tick_however_late_the_polls_are() {
+    for late_us in [0, 11, 5000, 30_000] {
+        let mut rig = equipped();
+        let id = rig.begin(EXPOSE);
+        while rig.bench.borrow().devices.timed_us.is_none() {
+            rig.pass_event();
+        }
+        let (from_us, until_us) = rig.bench.borrow().devices.timed_us.unwrap();
+        rig.bench.borrow_mut().now_us = until_us + late_us;
+        let Outcome::Done(Answer::Exposed(exposure)) = rig.outcome(id) else {
+            panic!("{late_us} µs late: no exposure")
+        };
+        assert_eq!((exposure.start_us, exposure.open_us), (from_us, 32_000));
+        assert_eq!(rig.bench.borrow().devices.timed_us, Some((from_us, from_us + 32_000)));
+        assert_eq!(rig.bench.borrow().shutter, [], "the timer's pin is no other's");
+    }
+}
+
+#[test]
+fn timer_that_did_not_close_the_shutter_is_told_and_the_shutter_closed() {
+    let mut rig = equipped();
+    let id = rig.begin(EXPOSE);
+    rig.bench.borrow_mut().devices.jammed = true;
+    while rig.bench.borrow().devices.timed_us.is_none() {
+        rig.pass_event();
+    }
+    let (_, until_us) = rig.bench.borrow().devices.timed_us.unwrap();
+    rig.bench.borrow_mut().now_us = until_us + 700;
+    assert_eq!(refusal(rig.outcome(id)), Refusal::ShutterLate { late_us: 700 });
+    assert!(!rig.bench.borrow().devices.jammed);
+}
+
+#[test]
+fn stop_closes_a_timed_shutter_at_once() {
+    let mut rig = equipped();
+    let id = rig.begin(EXPOSE);
+    while rig.bench.borrow().devices.timed_us.is_none() {
+        rig.pass_event();
+    }
+    rig.pass_event();
+    rig.bench.borrow_mut().stop_pressed = true;
+    let pressed_us = rig.bench.borrow().now_us;
+    rig.poll();
+    assert!(matches!(refusal(rig.outcome(id)), Refusal::Faulted(_)));
+    assert_eq!(rig.bench.borrow().devices.timed_us.unwrap().1, pressed_us);
+}
+
+#[test]
+fn lease_does_not_end_while_the_shutter_is_open_but_after_it() {
+    let mut leased = configuration();
+    (leased.settings.lease_ms, leased.settings.lamp_lease_ms) = (20_000, 20_000);
+    let mut rig = Rig::greeted(leased).at_home();
+    rig.ask(Command::Lamp { on: true, level: 30_000 });
+    let id = rig.begin(Command::Expose { duration_us: 50_000_000, warm_lamp: false });
+    // Nobody says a word: not to disturb it.
+    let outcome = rig.outcome(id);
+    assert!(matches!(outcome, Outcome::Done(_)), "{outcome:?}");
+    let closed_us = rig.bench.borrow().shutter.last().unwrap().0;
+    assert!(rig.bench.borrow().lamp);
+    while rig.bench.borrow().lamp {
+        assert!(rig.pass_event());
+    }
+    assert_eq!(rig.bench.borrow().now_us, closed_us + 20_000_000);
 }

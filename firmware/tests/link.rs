@@ -224,7 +224,7 @@ fn a_fault_refuses_what_waits_and_it_is_told() {
     let mut rig = Rig::homed();
     rig.send(&request(1, Command::MoveTo([4000; 4])));
     rig.send(&request(2, expose(2)));
-    rig.bench.borrow_mut().stalled[1] = true;
+    rig.bench.borrow_mut().alarm[1] = true;
     while rig.pass_event() {}
     let faulted = Outcome::Refused(Refusal::Faulted([Fault::Stall].into_iter().collect()));
     assert_eq!(finals(&mut rig), [(1, faulted), (2, faulted)]);

@@ -1,6 +1,6 @@
 //! What the simulated mechanics and lamp are like. The defaults are those of the source's rig (its Table 3.1).
 
-use lobelia_protocol::{AxisParameters, Configuration, HomeDirection, Settings};
+use lobelia_protocol::{Alarm, AxisParameters, Configuration, HomeDirection, Pins, Settings};
 use serde::{Deserialize, Deserializer, Serialize};
 
 /// The simulated rig's mechanics and lamp.
@@ -23,6 +23,21 @@ pub struct MechanicsConfig {
     pub light: AxisMechanics,
     /// The lamp and its photodiode.
     pub lamp: LampConfig,
+    /// Whether the board has a timer for the shutter and a converter that reads the photodiode by itself, as the STM32F405 has; or else
+    /// the controller's polls do both.
+    pub timed_exposures: bool,
+    /// Pins that are wired the other way round.
+    #[serde(skip)]
+    pub wiring: Wiring,
+}
+
+/// Pins that are wired the other way round, of each axis and of the rest.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Wiring {
+    /// Pan, tilt, roll, light.
+    pub axes: [Pins; 4],
+    /// Lamp, shutter.
+    pub rest: Pins,
 }
 
 /// One axis's mechanics. Angles count as the host's do: 0 steps is 0°.
@@ -68,6 +83,10 @@ pub struct LampConfig {
     pub photodiode_noise: f64,
     /// The photodiode's reading of the warm lamp at full level, in counts of a 12-bit converter.
     pub photodiode_counts: f64,
+    /// By how much of its mean the dimmer makes the lamp brighter and darker, half of each of its periods.
+    pub ripple: f64,
+    /// The dimmer's frequency.
+    pub ripple_hz: f64,
 }
 
 impl Default for MechanicsConfig {
@@ -79,6 +98,8 @@ impl Default for MechanicsConfig {
             roll: AxisMechanics::roll(),
             light: AxisMechanics::light(),
             lamp: LampConfig::default(),
+            timed_exposures: false,
+            wiring: Wiring::default(),
         }
     }
 }
@@ -92,6 +113,8 @@ impl Default for LampConfig {
             drift_period_s: 3600.0,
             photodiode_noise: 1e-3,
             photodiode_counts: 3000.0,
+            ripple: 0.0,
+            ripple_hz: 20_000.0,
         }
     }
 }
@@ -117,7 +140,10 @@ impl MechanicsConfig {
     /// What a host that knows the rig would tell the controller.
     pub fn configuration(&self) -> Configuration {
         Configuration {
-            axes: self.axes().map(AxisMechanics::parameters),
+            axes: std::array::from_fn(|k| AxisParameters {
+                inverted: self.wiring.axes[k],
+                ..self.axes()[k].parameters()
+            }),
             settings: Settings {
                 lamp_warm_up_s: self.lamp.warm_up_s,
                 lamp_least_reading: (self.lamp.photodiode_counts / 10.0) as u16,
@@ -130,6 +156,7 @@ impl MechanicsConfig {
                 coordinated: true,
                 pulse_us: 3,
                 direction_setup_us: 6,
+                inverted: self.wiring.rest,
             },
         }
     }
@@ -221,6 +248,9 @@ impl AxisMechanics {
             home_debounce_us: 3000,
             index_tolerance: 4,
             driver: None,
+            inverted: Pins::NONE,
+            alarm: Alarm::None,
+            alarm_debounce_us: 20,
         }
     }
 }

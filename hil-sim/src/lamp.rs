@@ -75,8 +75,19 @@ impl Lamp {
 
     /// What the photodiode's converter reads.
     pub(crate) fn reading(&self, now_us: u64) -> u16 {
-        let noise = self.config.photodiode_noise * noise::normal(&[self.seed, 0xad0c, now_us]);
-        let counts = self.relative_at(now_us as f64) * self.config.photodiode_counts * (1.0 + noise);
+        self.read_at(now_us as f64, now_us)
+    }
+
+    /// The same between two µs.
+    pub(crate) fn reading_ns(&self, now_ns: u64) -> u16 {
+        self.read_at(now_ns as f64 * 1e-3, now_ns)
+    }
+
+    fn read_at(&self, us: f64, key: u64) -> u16 {
+        let noise = self.config.photodiode_noise * noise::normal(&[self.seed, 0xad0c, key]);
+        let bright = (us * 1e-6 * self.config.ripple_hz).fract() < 0.5;
+        let ripple = if bright { self.config.ripple } else { -self.config.ripple };
+        let counts = self.relative_at(us) * self.config.photodiode_counts * (1.0 + ripple) * (1.0 + noise);
         counts.round().clamp(0.0, FULL_SCALE) as u16
     }
 }

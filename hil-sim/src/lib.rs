@@ -15,10 +15,11 @@ pub mod optics;
 mod pins;
 pub mod rig;
 pub mod server;
+mod timed;
 mod wire;
 mod world;
 
-pub use config::{AxisMechanics, LampConfig, MechanicsConfig};
+pub use config::{AxisMechanics, LampConfig, MechanicsConfig, Wiring};
 pub use faults::{FaultRates, FaultyLink, LineCounts};
 pub use link::SimulatedLink;
 pub use rig::{ExposureTruth, SimulatedRig, Step, Way};

@@ -24,6 +24,8 @@ pub(crate) struct Mechanism {
     switch_wire_broken: AtomicBool,
     /// Whether the last step met a hard stop.
     blocked: AtomicBool,
+    /// Whether its driver tells that it has failed.
+    pub(crate) driver_failed: AtomicBool,
     steps: AtomicU64,
     stops: [i64; 2],
     play: i64,
@@ -51,6 +53,7 @@ impl Mechanism {
             switch_broken: AtomicBool::new(false),
             switch_wire_broken: AtomicBool::new(false),
             blocked: AtomicBool::new(false),
+            driver_failed: AtomicBool::new(false),
             steps: AtomicU64::new(0),
             stops: config.stops_deg.map(|degrees| steps(degrees).round() as i64),
             play,

@@ -6,15 +6,17 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use embedded_hal::digital::{self, InputPin, OutputPin};
 use embedded_hal::pwm::{self, SetDutyCycle};
+use lobelia_firmware::safety::alarm::Alarms;
 use lobelia_firmware::storage::{SLOT_BYTES, Storage};
-use lobelia_firmware::{AnalogInput, AxisPins, Board, ByteLink, Options, Peripherals, Pulses};
-use lobelia_protocol::Axis;
+use lobelia_firmware::{AnalogInput, AxisPins, Board, ByteLink, Options, Peripherals, Pulses, Readings};
+use lobelia_protocol::{Axis, Pin};
 
-use crate::config::MechanicsConfig;
+use crate::config::{MechanicsConfig, Wiring};
 use crate::drivers::{DriverWire, Drivers};
 use crate::lamp::Lamp;
 use crate::mechanics::Mechanism;
 use crate::rig::Step;
+use crate::timed::{Metering, ShutterTimer};
 use crate::wire::Wire;
 
 /// What the pins act on.
@@ -24,6 +26,14 @@ pub(crate) struct Bench {
     pub(crate) axes: [Mechanism; 4],
     pub(crate) lamp: Mutex<Lamp>,
     pub(crate) shutter_open: AtomicBool,
+    /// Until when a timer keeps it open, µs; never where there is none.
+    pub(crate) shutter_until_us: AtomicU64,
+    /// Whether the board has such a timer, and a converter that reads by itself.
+    timed: bool,
+    metering: Mutex<Metering>,
+    wiring: Wiring,
+    /// What the alarm inputs' interrupt writes down.
+    pub(crate) alarms: &'static Alarms,
     pub(crate) emergency_stop: AtomicBool,
     /// Memory for parameters, which a reset leaves as it is.
     flash: Mutex<[[u8; SLOT_BYTES]; 2]>,
@@ -44,6 +54,11 @@ impl Bench {
             axes: config.axes().map(Mechanism::new),
             lamp: Mutex::new(Lamp::new(&config.lamp, config.seed)),
             shutter_open: AtomicBool::new(false),
+            shutter_until_us: AtomicU64::new(u64::MAX),
+            timed: config.timed_exposures,
+            metering: Mutex::default(),
+            wiring: config.wiring,
+            alarms: Box::leak(Box::new(Alarms::new())),
             emergency_stop: AtomicBool::new(false),
             flash: Mutex::new([[0xFF; SLOT_BYTES]; 2]),
             drivers: Mutex::default(),
@@ -53,6 +68,23 @@ impl Bench {
             to_controller: Wire::default(),
             to_host: Wire::default(),
         }
+    }
+
+    /// Whether the shutter is open now.
+    pub(crate) fn is_shutter_open(&self) -> bool {
+        self.shutter_open.load(Relaxed) && self.now_us() < self.shutter_until_us.load(Relaxed)
+    }
+
+    /// The level of an axis's alarm input.
+    pub(crate) fn alarm_level(&self, axis: usize) -> bool {
+        let drivers = || self.drivers.lock().unwrap_or_else(PoisonError::into_inner);
+        let stalled = self.axes[axis].blocked() && drivers().looks_for_stalls(axis);
+        (stalled || self.axes[axis].driver_failed.load(Relaxed))
+            != self.wiring.axes[axis].contains(Pin::Alarm)
+    }
+
+    pub(crate) fn metering(&self) -> MutexGuard<'_, Metering> {
+        self.metering.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     pub(crate) fn lamp(&self) -> MutexGuard<'_, Lamp> {
@@ -113,9 +145,12 @@ pub(crate) fn peripherals(bench: &Arc<Bench>) -> Peripherals<SimulatedBoard> {
 
 /// What the simulated board has besides. Wire and memory are leaked, a few bytes at each start of the controller: a board's lives for ever.
 pub(crate) fn options(bench: &Arc<Bench>) -> Options<SimulatedBoard> {
-    let stall = |axis| Input { bench: Arc::clone(bench), role: InputRole::Stall(axis) };
+    let alarm = |axis| Input { bench: Arc::clone(bench), role: InputRole::Alarm(axis) };
+    let timer = || Box::leak(Box::new(ShutterTimer(Arc::clone(bench))));
     Options {
-        stall: std::array::from_fn(|axis| Some(stall(axis))),
+        alarm: std::array::from_fn(|axis| Some(alarm(axis))),
+        alarms: Some(bench.alarms),
+        timed_shutter: bench.timed.then(timer).map(|timer| timer as _),
         drivers: Some(Box::leak(Box::new(DriverWire(Arc::clone(bench))))),
         storage: Some(Box::leak(Box::new(Flash(Arc::clone(bench))))),
         ..Options::default()
@@ -168,6 +203,15 @@ pub(crate) struct Output {
 impl Output {
     fn set(&self, high: bool) {
         let bench = &self.bench;
+        let Wiring { axes, rest } = &bench.wiring;
+        let inverted = match self.role {
+            OutputRole::Step(axis) => axes[axis].contains(Pin::Step),
+            OutputRole::Direction(axis) => axes[axis].contains(Pin::Direction),
+            OutputRole::Enable(axis) => axes[axis].contains(Pin::Enable),
+            OutputRole::Shutter => rest.contains(Pin::Shutter),
+            OutputRole::Lamp => rest.contains(Pin::Lamp),
+        };
+        let high = high != inverted;
         match self.role {
             OutputRole::Step(axis) => {
                 let mechanism = &bench.axes[axis];
@@ -205,7 +249,7 @@ impl OutputPin for Output {
 #[derive(Debug, Clone, Copy)]
 enum InputRole {
     Home(usize),
-    Stall(usize),
+    Alarm(usize),
     EmergencyStop,
 }
 
@@ -223,16 +267,10 @@ impl digital::ErrorType for Input {
 impl InputPin for Input {
     fn is_high(&mut self) -> Result<bool, Infallible> {
         Ok(match self.role {
-            InputRole::Home(axis) => self.bench.axes[axis].switch_closed(),
-            InputRole::Stall(axis) => {
-                self.bench.axes[axis].blocked()
-                    && self
-                        .bench
-                        .drivers
-                        .lock()
-                        .unwrap_or_else(PoisonError::into_inner)
-                        .looks_for_stalls(axis)
+            InputRole::Home(axis) => {
+                self.bench.axes[axis].switch_closed() != self.bench.wiring.axes[axis].contains(Pin::Home)
             }
+            InputRole::Alarm(axis) => self.bench.alarm_level(axis),
             InputRole::EmergencyStop => self.bench.emergency_stop.load(Relaxed),
         })
     }
@@ -268,6 +306,15 @@ pub(crate) struct Photodiode(Arc<Bench>);
 impl AnalogInput for Photodiode {
     fn read(&mut self) -> Option<u16> {
         Some(self.0.lamp().reading(self.0.now_us()))
+    }
+
+    fn begin(&mut self, duration_us: u32) -> bool {
+        self.0.metering().begin(self.0.now_us(), duration_us);
+        self.0.timed
+    }
+
+    fn gather(&mut self) -> Option<Readings> {
+        Some(self.0.metering().gather(&self.0.lamp(), self.0.now_us()))
     }
 }
 

@@ -140,7 +140,7 @@ impl SimulatedRig {
 
     /// Whether the shutter is open.
     pub fn shutter_open(&self) -> bool {
-        self.lock().bench.shutter_open.load(Relaxed)
+        self.lock().bench.is_shutter_open()
     }
 
     /// Presses the emergency stop.
@@ -196,6 +196,23 @@ impl SimulatedRig {
     /// Cuts the controller's power for a moment: it forgets configuration, positions and session.
     pub fn reset_controller(&self) {
         self.lock().reset_controller();
+    }
+
+    /// Has an axis's driver tell that it has failed, or no longer.
+    pub fn set_driver_alarm(&self, axis: Axis, failed: bool) {
+        let mut world = self.lock();
+        let bench = &world.bench;
+        bench.axes[axis.index()].driver_failed.store(failed, Relaxed);
+        bench.alarms.changed(axis.index(), bench.alarm_level(axis.index()), bench.now_us() as u32);
+        world.poll();
+    }
+
+    /// Has an axis's alarm input be active for so many µs, between two polls of the controller.
+    pub fn pulse_alarm(&self, axis: Axis, lasts_us: u32) {
+        let bench = &self.lock().bench;
+        let (k, quiet, now_us) = (axis.index(), bench.alarm_level(axis.index()), bench.now_us() as u32);
+        bench.alarms.changed(k, !quiet, now_us);
+        bench.alarms.changed(k, quiet, now_us.wrapping_add(lasts_us));
     }
 
     /// Makes an axis's motor slip by some steps, as when something pushes it.

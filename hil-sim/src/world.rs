@@ -90,7 +90,7 @@ impl World {
 
     /// Notes the truth of an exposure when the shutter closes.
     fn watch_shutter(&mut self) {
-        let open = self.bench.shutter_open.load(Relaxed);
+        let open = self.bench.is_shutter_open();
         let now = self.bench.now_us();
         match self.shutter_opened_us {
             None if open => self.shutter_opened_us = Some(now),

@@ -64,7 +64,7 @@ fn mechanics() -> MechanicsConfig {
         photodiode_noise: 0.0,
         ..LampConfig::default()
     };
-    MechanicsConfig { seed: 1, pan, tilt, roll, light, lamp }
+    MechanicsConfig { seed: 1, pan, tilt, roll, light, lamp, ..MechanicsConfig::default() }
 }
 
 fn configuration() -> Configuration {

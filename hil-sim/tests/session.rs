@@ -5,10 +5,10 @@ use std::io::{ErrorKind, Read, Write};
 use std::net::{TcpListener, TcpStream};
 use std::time::Duration;
 
-use lobelia_hil_sim::{ExposureTruth, MechanicsConfig, SimulatedLink, SimulatedRig, serve_tcp};
+use lobelia_hil_sim::{ExposureTruth, MechanicsConfig, SimulatedLink, SimulatedRig, Wiring, serve_tcp};
 use lobelia_protocol::{
-    AXES, Answer, Axis, Command, Configuration, DriverParameters, DriverTrouble, Fault, FrameDecoder, Hello,
-    Outcome, Refusal, Request, ToController, ToHost,
+    AXES, Alarm, Answer, Axis, Command, Configuration, DriverParameters, DriverTrouble, Fault, FrameDecoder,
+    Hello, Outcome, Pin, Pins, Refusal, Request, ToController, ToHost,
 };
 use proptest::prelude::*;
 
@@ -216,6 +216,7 @@ fn with_driver(config: &MechanicsConfig) -> Configuration {
         stall_threshold: 60,
         stall_above_speed: 100,
     });
+    configuration.axes[0].alarm = Alarm::Edge;
     configuration
 }
 
@@ -307,4 +308,105 @@ fn driver_that_was_reset_on_the_way_is_a_fault_at_the_end_of_the_move_and_no_wro
     host.ask(Command::ClearFaults);
     assert!(matches!(host.ask(Command::Home), Outcome::Done(_)));
     assert_eq!(host.ask(Command::MoveTo(to)), Outcome::Done(Answer::At(to)));
+}
+
+#[test]
+fn rig_wired_the_other_way_round_does_what_any_does_if_its_host_knows() {
+    let truth = |wiring: Wiring| {
+        let config = MechanicsConfig { wiring, ..MechanicsConfig::ideal() };
+        let (rig, mut host) = start(&config);
+        assert!(matches!(host.ask(Command::Home), Outcome::Done(_)));
+        let to = [100, 100, 100, 10_000];
+        assert_eq!(host.ask(Command::MoveTo(to)), Outcome::Done(Answer::At(to)));
+        host.ask(Command::Lamp { on: true, level: 65535 });
+        let lit = rig.lamp_level();
+        let outcome = host.ask(Command::Expose { duration_us: 5000, warm_lamp: false });
+        assert!(matches!(outcome, Outcome::Done(_)), "{outcome:?}");
+        host.ask(Command::Lamp { on: false, level: 0 });
+        (
+            rig.motor_steps(Axis::Light),
+            rig.last_exposure().unwrap().open_s,
+            lit,
+            rig.lamp_level(),
+            rig.shutter_open(),
+        )
+    };
+    let rest = [Pin::Lamp, Pin::Shutter].into_iter().collect();
+    let usual = truth(Wiring::default());
+    assert_eq!((usual.1, usual.2, usual.3, usual.4), (0.005, 1.0, 0.0, false));
+    assert_eq!(truth(Wiring { axes: [Pins::OF_AXIS; 4], rest }), usual);
+}
+
+#[test]
+fn drivers_alarm_stops_the_rig_and_a_stalls_pulse_a_move() {
+    let config = MechanicsConfig::ideal();
+    let mut with_alarms = configuration(&config);
+    (with_alarms.axes[1].alarm, with_alarms.axes[1].alarm_debounce_us) = (Alarm::Level, 2000);
+    (with_alarms.axes[2].alarm, with_alarms.axes[2].alarm_debounce_us) = (Alarm::Edge, 50);
+    let faults = |outcome| match outcome {
+        Outcome::Refused(Refusal::Faulted(faults)) => faults.iter().collect::<Vec<_>>(),
+        other => panic!("not refused: {other:?}"),
+    };
+    let to = [100, 100, 100, 10_000];
+    let begin = || {
+        let (rig, mut host) = start(&config);
+        assert_eq!(host.configure(&with_alarms), Outcome::Done(Answer::Nothing));
+        assert!(matches!(host.ask(Command::Home), Outcome::Done(_)));
+        (rig, host)
+    };
+    let (rig, mut host) = begin();
+    rig.set_driver_alarm(Axis::Tilt, true);
+    rig.idle_until_us(rig.now_us() + 10_000);
+    assert_eq!(faults(host.ask(Command::MoveTo(to))), [Fault::DriverAlarm]);
+    // Between two polls, too short and long enough.
+    for (lasts_us, stalls) in [(49, false), (50, true)] {
+        let (rig, mut host) = begin();
+        let id = host.next_id;
+        host.next_id += 1;
+        let command = Command::MoveTo(to);
+        host.send(&ToController::Request(Request { session: 1, id, seen: id - 1, command }));
+        rig.idle_until_us(rig.now_us() + 100_000);
+        rig.pulse_alarm(Axis::Roll, lasts_us);
+        let outcome = loop {
+            if let ToHost::Response(response) = host.receive()
+                && response.id == id
+                && response.outcome != Outcome::Running
+            {
+                break response.outcome;
+            }
+        };
+        if stalls {
+            assert_eq!(faults(outcome), [Fault::Stall]);
+        } else {
+            assert_eq!(outcome, Outcome::Done(Answer::At(to)));
+        }
+    }
+}
+
+#[test]
+fn flicker_of_a_dimmer_shows_to_a_board_that_reads_by_itself_only() {
+    let flicker = |timed_exposures: bool| {
+        let mut config = MechanicsConfig { timed_exposures, ..MechanicsConfig::ideal() };
+        config.lamp.ripple = 0.1;
+        config.lamp.warm_up_time_constant_s = 1e-3;
+        let (rig, mut host) = start(&config);
+        assert!(matches!(host.ask(Command::Home), Outcome::Done(_)));
+        host.ask(Command::Lamp { on: true, level: 65535 });
+        rig.idle_until_us(rig.now_us() + 1_000_000);
+        let Outcome::Done(Answer::Exposed(exposure)) =
+            host.ask(Command::Expose { duration_us: 250_000, warm_lamp: false })
+        else {
+            panic!("no exposure")
+        };
+        assert_eq!((exposure.open_us, rig.last_exposure().unwrap().open_s), (250_000, 0.25));
+        (exposure.flicker_ppm, exposure.readings, f64::from(exposure.reference_q8) / 256.0)
+    };
+    let (ppm, readings, mean) = flicker(true);
+    assert!(
+        ppm.abs_diff(100_000) < 1000 && readings > 50_000 && (mean - 3000.0).abs() < 5.0,
+        "{ppm} {readings} {mean}"
+    );
+    // At one phase of the dimmer it is bright, or dark, and steady.
+    let (ppm, readings, mean) = flicker(false);
+    assert!(ppm < 100 && readings == 250 && (mean - 3000.0).abs() > 250.0, "{ppm} {readings} {mean}");
 }

@@ -17,7 +17,7 @@ pub enum Fault {
     Hardware,
     /// A check found the home switch elsewhere than it should be: steps were lost.
     StepsLost,
-    /// A motor's driver reported a stall.
+    /// A motor's driver told a stall by its alarm input.
     Stall,
     /// Lamp or driver is too hot.
     OverTemperature,
@@ -33,11 +33,13 @@ pub enum Fault {
     LampTimeout,
     /// A motor's driver has lost its settings, as when its supply was cut, or no longer answers.
     DriverLost,
+    /// A motor's driver told an alarm.
+    DriverAlarm,
 }
 
 impl Fault {
     /// Every fault, in the order of its bit in [`Faults`].
-    pub const ALL: [Self; 13] = [
+    pub const ALL: [Self; 14] = [
         Self::EmergencyStop,
         Self::LimitHit,
         Self::HomingFailed,
@@ -51,6 +53,7 @@ impl Fault {
         Self::SwitchStuck,
         Self::LampTimeout,
         Self::DriverLost,
+        Self::DriverAlarm,
     ];
 
     const fn bit(self) -> u16 {

@@ -12,6 +12,7 @@ pub mod hello;
 pub mod message;
 pub mod packet;
 pub mod schema;
+pub mod wiring;
 
 pub use fault::{Fault, FaultReport, Faults};
 pub use frame::{EncodedFrame, FrameDecoder, FrameError};
@@ -22,6 +23,7 @@ pub use message::{
     LogLine, Outcome, Refusal, Request, Response, Settings, Status, Telemetry,
 };
 pub use packet::{CodecError, ToController, ToHost};
+pub use wiring::{Alarm, Pin, Pins};
 
 /// Number of axes; their order everywhere is pan, tilt, roll, light.
 pub const AXES: usize = 4;

@@ -6,6 +6,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::AXES;
 use crate::fault::{FaultReport, Faults};
+use crate::wiring::{Alarm, Pins};
 
 /// How long a shutter may be open, µs.
 pub const EXPOSURE_US: core::ops::RangeInclusive<u32> = 100..=60_000_000;
@@ -95,6 +96,12 @@ pub struct AxisParameters {
     pub index_tolerance: u16,
     /// How its driver is set up; nothing for one that is set up by its own pins.
     pub driver: Option<DriverParameters>,
+    /// Those of its pins whose wiring is inverted against the board's table.
+    pub inverted: Pins,
+    /// What its alarm input means.
+    pub alarm: Alarm,
+    /// The alarm input counts once it has been active for this long, in µs; 0 takes the shortest pulse.
+    pub alarm_debounce_us: u16,
 }
 
 /// How an axis's TMC2209, whose address is the axis's number, is set up over the controller's wire to the drivers.
@@ -159,6 +166,8 @@ pub struct Settings {
     pub pulse_us: u8,
     /// Shortest time from a change of an axis's direction pin to its next step, in µs.
     pub direction_setup_us: u8,
+    /// Pins, of those that are no axis's, whose wiring is inverted against the board's table.
+    pub inverted: Pins,
 }
 
 /// All that the controller has to know of the rig. It is sent in parts, so that every frame is short.
@@ -446,6 +455,10 @@ pub enum Field {
     Axes,
     /// `lamp_longest_s`: 0.
     LampTime,
+    /// An axis's `alarm`: the board has no input for it.
+    Alarm,
+    /// `inverted`: pins that are not an axis's among an axis's, or the other way round.
+    Wiring,
 }
 
 /// How things stand.
@@ -473,6 +486,8 @@ pub struct Status {
     pub emergency_stop: bool,
     /// The controller's time, µs since it started.
     pub uptime_us: u64,
+    /// Whether the axis's alarm input is active, where its parameters have one.
+    pub alarms: [bool; AXES],
 }
 
 /// The lamp's state.

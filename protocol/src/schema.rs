@@ -4,19 +4,22 @@
 //! by number. A test pins the bytes of a sample of each message beside the identity, so neither can change alone.
 
 /// Version for people; raise it with every change of [`TEXT`].
-pub const VERSION: u32 = 4;
+pub const VERSION: u32 = 5;
 
 /// The part of [`TEXT`] that parameters are written by.
 macro_rules! parameters {
     () => {
         "\
 settings lamp_warm_up_s:u16 lamp_least_reading:u16 lease_ms:u32 lamp_lease_ms:u32 \
-lamp_safe_level:u16 lamp_longest_s:u32 fan_run_on_s:u16 camera_wait_ms:u16 coordinated:bool pulse_us:u8 direction_setup_us:u8
+lamp_safe_level:u16 lamp_longest_s:u32 fan_run_on_s:u16 camera_wait_ms:u16 coordinated:bool pulse_us:u8 direction_setup_us:u8 \
+inverted:pins
 axis_parameters min_steps:i32 max_steps:i32 max_speed:u32(steps/s) acceleration:u32(steps/s2) jerk:u32(steps/s3) \
 full_turn_steps:u32 take_up_steps:u32 \
 settle_ms:u16 home_direction(0:negative 1:positive) home_position:i32 home_speed:u32 home_slow_speed:u32 \
-home_back_off:u32 home_switch_steps:u32 home_order:u8 home_travel:u32 home_debounce_us:u16 index_tolerance:u16 driver:option driver_parameters
+home_back_off:u32 home_switch_steps:u32 home_order:u8 home_travel:u32 home_debounce_us:u16 index_tolerance:u16 driver:option driver_parameters \
+inverted:pins alarm(0:none 1:level 2:edge) alarm_debounce_us:u16
 driver_parameters run_ma:u16 hold_ma:u16 sense_mohm:u16 microsteps:u16 stall_threshold:u8 stall_above_speed:u32(steps/s)
+pins u16 bits 0:step 1:direction 2:enable 3:home 4:alarm 5:lamp 6:shutter 7:fan 8:over_temperature 9:camera_ready
 "
     };
 }
@@ -43,11 +46,11 @@ refusal 0:no_session 1:stale 2:not_configured 3:bad_parameter(axis:option field)
 15:driver(axis trouble(0:no_wire 1:current 2:microsteps 3:silent 4:garbled 5:write_lost)) \
  16:skipped(after:u32) 17:not_at_rest
 field 0:limits 1:max_speed 2:acceleration 3:take_up 4:home_position 5:home_speed 6:home_travel 7:duration 8:jerk \
-9:full_turn 10:approaches 11:telemetry_period 12:pulse 13:step_rate 14:axes 15:lamp_time
+9:full_turn 10:approaches 11:telemetry_period 12:pulse 13:step_rate 14:axes 15:lamp_time 16:alarm 17:wiring
 status positions:[i32;4] known:[bool;4] moving:[bool;4] at_switch:[bool;4] configured:bool busy:bool waiting:u8 \
-lamp(on:bool level:u16 warm:bool remaining_s:u16) faults emergency_stop:bool uptime_us:u64
+lamp(on:bool level:u16 warm:bool remaining_s:u16) faults emergency_stop:bool uptime_us:u64 alarms:[bool;4]
 faults u16 bits 0:emergency_stop 1:limit_hit 2:homing_failed 3:hardware 4:steps_lost 5:stall \
-6:over_temperature 7:lamp_failure 8:lease_expired 9:steps_late 10:switch_stuck 11:lamp_timeout 12:driver_lost
+6:over_temperature 7:lamp_failure 8:lease_expired 9:steps_late 10:switch_stuck 11:lamp_timeout 12:driver_lost 13:driver_alarm
 event 0:fault(fault axis:option at_us:u64) 1:crashed(cause place:u32) \
 2:telemetry(at_us:u64 positions:[i32;4] photodiode:option u16 frames:u32 bad_frames:u32 dropped:u32) \
 3:log(at_us:u64 happening)

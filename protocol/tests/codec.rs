@@ -4,7 +4,8 @@ mod samples;
 
 use lobelia_protocol::frame::{self, MAX_PAYLOAD};
 use lobelia_protocol::{
-    Command, FrameDecoder, FrameError, Hello, HelloReply, Request, ToController, ToHost, Verdict, schema,
+    Alarm, Axis, AxisParameters, Command, DriverParameters, FrameDecoder, FrameError, Hello, HelloReply,
+    HomeDirection, Pin, Pins, Request, ToController, ToHost, Verdict, schema,
 };
 use proptest::collection::vec;
 use proptest::prelude::*;
@@ -48,9 +49,55 @@ fn bytes_of_messages_change_only_together_with_the_schema_identity() {
     let pinned = (schema::VERSION, schema::IDENTITY, schema::identity(0, &bytes));
     assert_eq!(
         pinned,
-        (4, 10_375_997_795_732_223_228, 17_975_790_990_259_290_500),
+        (5, 10_719_555_609_073_331_391, 11_006_108_988_868_833_809),
         "raise schema::VERSION, describe the change in schema::TEXT, then pin"
     );
+}
+
+#[test]
+fn axis_with_the_greatest_numbers_fits_into_a_frame() {
+    let parameters = AxisParameters {
+        min_steps: i32::MIN,
+        max_steps: i32::MAX,
+        max_speed: u32::MAX,
+        acceleration: u32::MAX,
+        jerk: u32::MAX,
+        full_turn_steps: u32::MAX,
+        take_up_steps: u32::MAX,
+        settle_ms: u16::MAX,
+        home_direction: HomeDirection::Positive,
+        home_position: i32::MIN,
+        home_speed: u32::MAX,
+        home_slow_speed: u32::MAX,
+        home_back_off: u32::MAX,
+        home_switch_steps: u32::MAX,
+        home_order: u8::MAX,
+        home_travel: u32::MAX,
+        home_debounce_us: u16::MAX,
+        index_tolerance: u16::MAX,
+        driver: Some(DriverParameters {
+            run_ma: u16::MAX,
+            hold_ma: u16::MAX,
+            sense_mohm: u16::MAX,
+            microsteps: u16::MAX,
+            stall_threshold: u8::MAX,
+            stall_above_speed: u32::MAX,
+        }),
+        inverted: Pins::OF_AXIS,
+        alarm: Alarm::Edge,
+        alarm_debounce_us: u16::MAX,
+    };
+    let command = Command::PrepareAxis { axis: Axis::Light, parameters };
+    let request = Request { session: u32::MAX, id: u32::MAX, seen: u32::MAX, command };
+    assert!(ToController::Request(request).encode().is_ok());
+}
+
+#[test]
+fn pins_are_known_by_whose_they_are() {
+    assert!(Pins::OF_AXIS.contains(Pin::Alarm) && !Pins::OF_AXIS.contains(Pin::Lamp));
+    assert!(Pins::OF_RIG.contains(Pin::Lamp) && Pins::OF_RIG.contains(Pin::CameraReady));
+    let home: Pins = [Pin::Home].into_iter().collect();
+    assert!(home.are_among(Pins::OF_AXIS) && !home.are_among(Pins::OF_RIG) && Pins::NONE.are_among(home));
 }
 
 #[test]

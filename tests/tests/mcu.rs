@@ -7,7 +7,9 @@ use lobelia::acquire::simulated;
 use lobelia::rig::trace::{self, Recorder};
 use lobelia::rig::{Port, RigClient, replay};
 use lobelia_hil_sim::{MechanicsConfig, SimulatedRig};
-use lobelia_protocol::{AxisParameters, Configuration, CrashCause, Fault, HomeDirection, Settings};
+use lobelia_protocol::{
+    Alarm, AxisParameters, Configuration, CrashCause, Fault, HomeDirection, Pins, Settings,
+};
 use lobelia_tests::qemu::{Machine, Qemu, TracedPort, program};
 
 const LM3S6965: Machine =
@@ -48,6 +50,9 @@ fn configuration() -> Configuration {
         home_debounce_us: 1000,
         index_tolerance: 4,
         driver: None,
+        inverted: Pins::NONE,
+        alarm: Alarm::None,
+        alarm_debounce_us: 0,
     });
     // Without leases: emulated time runs as fast as it can, whatever the host does meanwhile.
     Configuration {
@@ -64,6 +69,7 @@ fn configuration() -> Configuration {
             coordinated: true,
             pulse_us: 2,
             direction_setup_us: 5,
+            inverted: Pins::NONE,
         },
     }
 }

@@ -20,8 +20,10 @@ impl<B: Board> Controller<B> {
             return u64::MAX;
         }
         let running = self.running.as_ref().is_some_and(|running| !matches!(running.task, Task::Stop));
+        // While the shutter is open the host is quiet, so that nothing disturbs it.
+        let heard_us = self.shutter.end_us().map_or(self.heard_us, |end_us| end_us.max(self.heard_us));
         let end = |holds: bool, ms: u32| {
-            if holds && ms > 0 { self.heard_us.saturating_add(u64::from(ms) * 1000) } else { u64::MAX }
+            if holds && ms > 0 { heard_us.saturating_add(u64::from(ms) * 1000) } else { u64::MAX }
         };
         end(running, settings.lease_ms).min(end(self.lamp.is_on(), settings.lamp_lease_ms))
     }
@@ -46,7 +48,7 @@ impl<B: Board> Controller<B> {
     /// Runs the fan while the lamp burns and for a time after that.
     pub(super) fn mind_fan(&mut self, now_us: u64) {
         let until_us = self.fan_until_us();
-        let Some(fan) = &mut self.options.fan else { return };
+        let Some(fan) = &mut self.lines.fan else { return };
         let runs = now_us < until_us;
         if runs != self.fan_runs {
             self.fan_runs = runs;

@@ -41,9 +41,9 @@ impl<B: Board> Controller<B> {
         now_us: u64,
         (until_us, duration_us, warm_lamp): (u64, u32, bool),
     ) -> Result<Option<Task>, PinFailure> {
-        let ready = self.options.camera_ready.as_mut().map_or(Ok(true), is_high)?;
+        let ready = self.lines.camera_ready.as_mut().map_or(Ok(true), is_high)?;
         if ready {
-            self.shutter.open(now_us, duration_us)?;
+            self.shutter.open(now_us, duration_us, &mut self.photodiode)?;
             return Ok(Some(Task::Expose { lit: warm_lamp }));
         }
         let look_us = now_us + LOOK_EVERY_US;
@@ -54,6 +54,10 @@ impl<B: Board> Controller<B> {
     /// Reads the photodiode, closes the shutter when it's time, and looks at what came of it.
     pub(super) fn expose_on(&mut self, now_us: u64, lit: bool) -> Result<Option<Outcome>, Fault> {
         let closed = self.shutter.poll(now_us, &mut self.photodiode).map_err(|_| Fault::Hardware)?;
+        if closed.is_some() {
+            // Until now the host had reason to be quiet.
+            self.heard_us = now_us;
+        }
         Ok(match closed {
             None => None,
             Some(Closed::Late(late_us)) => Some(Outcome::Refused(Refusal::ShutterLate { late_us })),
@@ -81,9 +85,12 @@ impl<B: Board> Controller<B> {
         )
     }
 
-    /// Looks at the temperature input, where there is one.
+    /// Looks at the temperature input, where there is one. Before its wiring is known nothing can burn.
     pub(super) fn mind_temperature(&mut self, now_us: u64) {
-        match self.options.over_temperature.as_mut().map(is_high) {
+        if self.wiring.is_none() {
+            return;
+        }
+        match self.lines.over_temperature.as_mut().map(is_high) {
             Some(Ok(true)) if !self.safety.faults().contains(Fault::OverTemperature) => {
                 self.raise(now_us, Fault::OverTemperature, None);
             }

@@ -6,7 +6,7 @@ use core::array;
 use lobelia_protocol::{AXES, Answer, Axis, Configuration, Fault, Field, HomingReport, Outcome, Refusal};
 
 use super::{Controller, Running, Task, Trouble};
-use crate::board::{Board, PinFailure, is_high};
+use crate::board::{Board, PinFailure};
 use crate::homing::{Homing, Progress, Purpose};
 use crate::motion::axis::{AxisDrive, Plan};
 use crate::motion::pulses::{PulsesCell, Trip};
@@ -168,12 +168,6 @@ impl<B: Board> Controller<B> {
             Some(Trip::Limit) => return Err(Fault::LimitHit),
             Some(Trip::Pin) => return Err(Fault::Hardware),
             Some(Trip::Late) => return Err(Fault::StepsLate),
-        }
-        if let Some(stall) = &mut self.options.stall[axis.index()]
-            && drive.stepped(pulses)
-            && is_high(stall).map_err(|_| Fault::Hardware)?
-        {
-            return Err(Fault::Stall);
         }
         let Some(parameters) = self.configuration.as_ref().map(|all| &all.axes[axis.index()]) else {
             return Ok(());

@@ -146,6 +146,7 @@ impl<B: Board> Controller<B> {
             }
             Command::ClearFaults => {
                 self.safety.clear()?;
+                self.alarmed = 0;
                 self.note(now_us, Happening::FaultsCleared);
                 Ok(Some(Answer::Nothing))
             }
@@ -155,7 +156,7 @@ impl<B: Board> Controller<B> {
                 Ok(Some(Answer::Nothing))
             }
             Command::Configure(settings) => {
-                self.configure(settings)?;
+                self.configure(now_us, settings)?;
                 Ok(Some(Answer::Nothing))
             }
             Command::SaveParameters => {
@@ -208,16 +209,36 @@ impl<B: Board> Controller<B> {
         self.configuration.ok_or(Refusal::NotConfigured)
     }
 
+    /// Takes the parameters that are stored, unless there are none or the board can't obey them.
+    #[inline(never)]
+    pub(super) fn adopt_stored(&mut self, now_us: u64) {
+        let Some(storage) = &mut self.options.storage else { return };
+        let Some(configuration) = storage::load(&mut **storage) else { return };
+        if parameters::validate(&configuration, self.options.most_steps_per_s).is_err()
+            || self.check_alarms(&configuration).is_err()
+        {
+            return;
+        }
+        let Configuration { settings, .. } = &configuration;
+        self.pulses.with(|pulses| pulses.trains.set_timing(settings.pulse_us, settings.direction_setup_us));
+        if self.wire(now_us, &configuration).is_err() {
+            self.raise(now_us, Fault::Hardware, None);
+        }
+        self.configuration = Some(configuration);
+    }
+
     /// Another configuration makes positions unknown: steps may mean something else.
-    fn configure(&mut self, settings: Settings) -> Result<(), Refusal> {
+    fn configure(&mut self, now_us: u64, settings: Settings) -> Result<(), Trouble> {
         let set = self.configuration.map(|configuration| configuration.axes);
         let axis = |k: usize| self.prepared[k].or(set.map(|axes| axes[k]));
         let [Some(pan), Some(tilt), Some(roll), Some(light)] = array::from_fn(axis) else {
-            return Err(Refusal::NotConfigured);
+            return Err(Refusal::NotConfigured.into());
         };
         let configuration = Configuration { axes: [pan, tilt, roll, light], settings };
         parameters::validate(&configuration, self.options.most_steps_per_s)?;
+        self.check_alarms(&configuration)?;
         self.set_up_drivers(&configuration)?;
+        self.wire(now_us, &configuration)?;
         self.pulses.with(|pulses| pulses.trains.set_timing(settings.pulse_us, settings.direction_setup_us));
         if self.configuration.replace(configuration) != Some(configuration) {
             self.axes.iter_mut().for_each(|axis| axis.forget(&mut self.pulses));

@@ -4,7 +4,7 @@ use embedded_hal::digital::OutputPin;
 use embedded_hal::pwm::SetDutyCycle;
 use lobelia_protocol::LampStatus;
 
-use crate::board::{PinFailure, set};
+use crate::board::{Line, PinFailure, set};
 
 const US_PER_S: u64 = 1_000_000;
 
@@ -19,6 +19,13 @@ pub(crate) struct Lamp<P, D> {
     /// When it went out last.
     out_us: Option<u64>,
     level: u16,
+}
+
+impl<P: OutputPin, D: SetDutyCycle> Lamp<Line<P>, D> {
+    /// Tells it how its relay is wired.
+    pub(crate) fn wire(&mut self, inverted: bool) {
+        self.switch.wire(inverted);
+    }
 }
 
 impl<P: OutputPin, D: SetDutyCycle> Lamp<P, D> {

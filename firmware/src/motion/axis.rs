@@ -3,9 +3,9 @@
 //! Gears have play. The position that a motor step count stands for is the same each time only if the same flank pushes at the end,
 //! so a move that would end downward, or follow a motion that did, first goes `take_up` steps below its target.
 
-use lobelia_protocol::{AxisParameters, HomeDirection};
+use lobelia_protocol::{AxisParameters, HomeDirection, Pin, Pins};
 
-use crate::board::{Board, PinFailure, set};
+use crate::board::{Board, Line, PinFailure, set};
 use crate::motion::fixed::TICK_SHIFT;
 use crate::motion::profile::{Limits, Times};
 use crate::motion::pulses::{PulsesCell, Watch};
@@ -64,13 +64,11 @@ enum Guard {
 /// An axis's direction and enable pins, and its plan. Its steps are those of number `axis` of the [`Pulses`].
 pub(crate) struct AxisDrive<B: Board> {
     axis: usize,
-    direction: B::Output,
-    enable: B::Output,
+    direction: Line<B::Output>,
+    enable: Line<B::Output>,
     stepper: Stepper,
     /// Ticks by which steps were late since the run began.
     late: u64,
-    /// The position when last asked for a stall.
-    seen_at: i32,
     /// The approach that follows the present run.
     approach: Option<(i32, Times)>,
     /// Where to go on to, in the same direction, after braking short of it.
@@ -92,11 +90,10 @@ impl<B: Board> AxisDrive<B> {
     pub(crate) fn new(axis: usize, direction: B::Output, enable: B::Output) -> Self {
         Self {
             axis,
-            direction,
-            enable,
+            direction: Line::new(direction),
+            enable: Line::new(enable),
             stepper: Stepper::default(),
             late: 0,
-            seen_at: 0,
             approach: None,
             onward: None,
             limits: Limits::default(),
@@ -107,6 +104,13 @@ impl<B: Board> AxisDrive<B> {
             ends_taken_up: false,
             known: false,
         }
+    }
+
+    /// Tells how its pins are wired, and releases the motor by it.
+    pub(crate) fn wire(&mut self, inverted: Pins) -> Result<(), PinFailure> {
+        self.direction.wire(inverted.contains(Pin::Direction));
+        self.enable.wire(inverted.contains(Pin::Enable));
+        set(&mut self.enable, false).and(set(&mut self.direction, false))
     }
 
     /// Number of the axis.
@@ -142,12 +146,6 @@ impl<B: Board> AxisDrive<B> {
         let due = self.stepper.next_due()? + self.late;
         let needs = due < (now_us << TICK_SHIFT) + AHEAD;
         (needs && pulses.with(|pulses| pulses.trains.has_room(self.axis))).then_some(due)
-    }
-
-    /// Whether steps were made since this was last asked.
-    pub(crate) fn stepped(&mut self, pulses: &mut B::Pulses) -> bool {
-        let position = pulses.with(|pulses| pulses.trains.position(self.axis));
-        core::mem::replace(&mut self.seen_at, position) != position
     }
 
     /// Plans a move from rest. On a full-turn axis it goes the shorter way.

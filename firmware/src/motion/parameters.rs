@@ -1,7 +1,7 @@
 //! Which parameters are allowed. What passes here can't overflow a position, outrun a step pulse, or ask for more steps than the
 //! board makes.
 
-use lobelia_protocol::{Axis, AxisParameters, Configuration, Field, HomeDirection, Refusal};
+use lobelia_protocol::{Axis, AxisParameters, Configuration, Field, HomeDirection, Pins, Refusal};
 
 /// Highest speed, steps/s: a step every 5 µs.
 const MAX_SPEED: u32 = 200_000;
@@ -27,6 +27,9 @@ pub(crate) fn validate(configuration: &Configuration, most_steps_per_s: Option<u
     let bad = |axis, field| Err(Refusal::BadParameter { axis, field });
     if !(1..=MAX_PULSE_US).contains(&settings.pulse_us) {
         return bad(None, Field::Pulse);
+    }
+    if !settings.inverted.are_among(Pins::OF_RIG) {
+        return bad(None, Field::Wiring);
     }
     if settings.lamp_longest_s == 0 {
         return bad(None, Field::LampTime);
@@ -74,6 +77,7 @@ fn bad_field(p: &AxisParameters) -> Option<Field> {
                 && (1..=FARTHEST as u32).contains(&p.home_switch_steps),
             Field::HomeTravel,
         ),
+        (p.inverted.are_among(Pins::OF_AXIS), Field::Wiring),
     ];
     checks.into_iter().find_map(|(good, field)| (!good).then_some(field))
 }

@@ -3,7 +3,7 @@
 
 use lobelia_protocol::AXES;
 
-use crate::board::{Board, PinFailure, StepPins, is_high};
+use crate::board::{Board, Line, PinFailure, StepPins, is_high};
 use crate::motion::trains::{Edges, Trains};
 
 /// Switches that are watched are looked at this often, µs.
@@ -72,7 +72,7 @@ impl<B: Board> PulsesCell<B> for Pulses<B> {
 
 /// One axis's home switch.
 struct Watcher<P> {
-    home: P,
+    home: Line<P>,
     watch: Watch,
     /// How long a closed switch has to stay so, in µs.
     debounce_us: u16,
@@ -85,6 +85,8 @@ pub struct Pulses<B: Board> {
     /// Times and positions.
     pub(crate) trains: Trains,
     pins: B::StepPort,
+    /// Pins that step by falling, a bit an axis; nothing while the wiring is not known.
+    inverted: Option<u8>,
     watchers: [Watcher<B::Input>; AXES],
     /// Axes each of whose steps is followed by a look at the switch, a bit an axis, and when all those were last looked at.
     looks: u8,
@@ -95,13 +97,21 @@ pub struct Pulses<B: Board> {
 impl<B: Board> Pulses<B> {
     pub(crate) fn new(pins: B::StepPort, homes: [B::Input; AXES]) -> Self {
         let watchers = homes.map(|home| Watcher {
-            home,
+            home: Line::new(home),
             watch: Watch::Nothing,
             debounce_us: 0,
             sight: None,
             trip: None,
         });
-        Self { trains: Trains::default(), pins, watchers, looks: 0, looked_us: 0, tripped: false }
+        Self {
+            trains: Trains::default(),
+            pins,
+            inverted: None,
+            watchers,
+            looks: 0,
+            looked_us: 0,
+            tripped: false,
+        }
     }
 
     /// Raises and lowers the step pins that are due, and looks at the switches; gives when this has to be called next, unless the
@@ -111,7 +121,7 @@ impl<B: Board> Pulses<B> {
         let now_us = clock();
         let edges = self.trains.step(now_us);
         if edges != Edges::default() {
-            if !self.pins.write(edges.raise, edges.lower) {
+            if !self.write(edges.raise, edges.lower) {
                 self.trip(0, Trip::Pin);
             }
             self.trains.made(edges, clock());
@@ -131,6 +141,22 @@ impl<B: Board> Pulses<B> {
             }
         }
         self.next_us()
+    }
+
+    /// Begins and ends pulses; until the wiring is known nothing is driven.
+    #[inline(always)]
+    fn write(&mut self, begin: u8, end: u8) -> bool {
+        let Some(inverted) = self.inverted else { return true };
+        self.pins.write(begin & !inverted | end & inverted, end & !inverted | begin & inverted)
+    }
+
+    /// Tells how the step pins and the home switches are wired, a bit an axis, and ends all pulses by it.
+    pub(crate) fn wire(&mut self, steps: u8, homes: u8) -> Result<(), PinFailure> {
+        self.inverted = Some(steps);
+        for (axis, watcher) in self.watchers.iter_mut().enumerate() {
+            watcher.home.wire(homes & 1 << axis != 0);
+        }
+        if self.write(0, 0xF) { Ok(()) } else { Err(PinFailure) }
     }
 
     /// When [`Self::step`] has to be called next, in µs that wrap; `None` when there is nothing to do.
@@ -208,7 +234,7 @@ impl<B: Board> Pulses<B> {
         self.trains.lowered(axis);
         self.look_away(axis);
         self.watchers[axis].trip = None;
-        if self.pins.write(0, 1 << axis) { Ok(()) } else { Err(PinFailure) }
+        if self.write(0, 1 << axis) { Ok(()) } else { Err(PinFailure) }
     }
 
     /// Whether something made an axis cease, until all were asked what.

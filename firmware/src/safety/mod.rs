@@ -1,4 +1,6 @@
-//! Safety: the emergency stop's input and the faults, which stay until the host clears them.
+//! Safety: the emergency stop's input, the drivers' alarms, and the faults, which stay until the host clears them.
+
+pub mod alarm;
 
 use core::sync::atomic::{AtomicBool, Ordering};
 

@@ -7,8 +7,8 @@
 
 use lobelia_firmware::{Board, Controller, Peripherals};
 use lobelia_protocol::{
-    AXES, AxisParameters, Command, Configuration, FrameDecoder, Hello, HomeDirection, Outcome, Request,
-    Settings, ToController, ToHost,
+    AXES, Alarm, AxisParameters, Command, Configuration, FrameDecoder, Hello, HomeDirection, Outcome, Pins,
+    Request, Settings, ToController, ToHost,
 };
 
 use core::sync::atomic::Ordering;
@@ -155,6 +155,9 @@ fn configuration() -> Configuration {
         home_debounce_us: 0,
         index_tolerance: 4,
         driver: None,
+        inverted: Pins::NONE,
+        alarm: Alarm::None,
+        alarm_debounce_us: 0,
     });
     Configuration {
         axes,
@@ -170,6 +173,7 @@ fn configuration() -> Configuration {
             coordinated: false,
             pulse_us: 2,
             direction_setup_us: 5,
+            inverted: Pins::NONE,
         },
     }
 }

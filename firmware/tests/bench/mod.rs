@@ -2,6 +2,11 @@
 #![allow(clippy::unwrap_used)]
 #![allow(dead_code, reason = "each test uses its part")]
 
+pub(crate) mod devices;
+mod parameters;
+
+pub(crate) use parameters::configuration;
+
 use std::cell::RefCell;
 use std::collections::VecDeque;
 use std::convert::Infallible;
@@ -14,11 +19,11 @@ use embedded_hal::pwm::{self, SetDutyCycle};
 use lobelia_firmware::safety::EmergencyStop;
 use lobelia_firmware::storage::Storage;
 use lobelia_firmware::{
-    AnalogInput, AxisPins, Board, ByteLink, Controller, Options, Peripherals, Pulses, Watchdog,
+    AnalogInput, AxisPins, Board, ByteLink, Controller, Options, Peripherals, Pulses, Readings, Watchdog,
 };
 use lobelia_protocol::{
-    AxisParameters, Command, Configuration, CrashCause, CrashRecord, FrameDecoder, Hello, HomeDirection,
-    Outcome, Refusal, Request, Response, Settings, ToController, ToHost,
+    self as protocol, Command, Configuration, CrashCause, CrashRecord, FrameDecoder, Hello, Outcome, Pins,
+    Refusal, Request, Response, ToController, ToHost,
 };
 
 /// Where the home switch closes, in motor steps from where the rig was switched on.
@@ -42,7 +47,10 @@ pub(crate) struct Bench {
     /// How often the heartbeat has changed.
     pub(crate) beats: u32,
     pub(crate) stop_pressed: bool,
-    pub(crate) stalled: [bool; 4],
+    pub(crate) alarm: [bool; 4],
+    /// Pins that are wired the other way round, of each axis and of the rest; and how often an output was written.
+    pub(crate) inverted: ([Pins; 4], Pins),
+    pub(crate) writes: u32,
     pub(crate) hot: bool,
     pub(crate) diode_broken: bool,
     /// What the controller wrote has not left yet.
@@ -51,6 +59,7 @@ pub(crate) struct Bench {
     pub(crate) line_stuck: bool,
     pub(crate) lamp_level: u16,
     pub(crate) camera_ready_us: u64,
+    pub(crate) devices: devices::Devices,
     /// The photodiode's readings, in turn; 1234 where there are none.
     pub(crate) readings: VecDeque<u16>,
     /// The home switches bounce, and until when they do.
@@ -77,7 +86,7 @@ enum Role {
     Fan,
     Heartbeat,
     Stop,
-    Stall(usize),
+    Alarm(usize),
     Hot,
     CameraReady,
 }
@@ -110,8 +119,27 @@ impl digital::ErrorType for Pin {
 }
 
 impl Pin {
+    /// Whether the rig has it the other way round.
+    fn is_inverted(&self, (axes, rest): ([Pins; 4], Pins)) -> bool {
+        match self.1 {
+            Role::Step(axis) => axes[axis].contains(protocol::Pin::Step),
+            Role::Direction(axis) => axes[axis].contains(protocol::Pin::Direction),
+            Role::Enable(axis) => axes[axis].contains(protocol::Pin::Enable),
+            Role::Home(axis) => axes[axis].contains(protocol::Pin::Home),
+            Role::Alarm(axis) => axes[axis].contains(protocol::Pin::Alarm),
+            Role::Shutter => rest.contains(protocol::Pin::Shutter),
+            Role::Lamp => rest.contains(protocol::Pin::Lamp),
+            Role::Fan => rest.contains(protocol::Pin::Fan),
+            Role::Hot => rest.contains(protocol::Pin::OverTemperature),
+            Role::CameraReady => rest.contains(protocol::Pin::CameraReady),
+            Role::Heartbeat | Role::Stop => false,
+        }
+    }
+
     fn set(&self, high: bool) {
         let bench = &mut *self.0.borrow_mut();
+        let high = high != self.is_inverted(bench.inverted);
+        bench.writes += u32::from(!matches!(self.1, Role::Heartbeat));
         let now = bench.now_us;
         match self.1 {
             Role::Step(axis) if bench.level[axis] != high => {
@@ -134,7 +162,7 @@ impl Pin {
             Role::Lamp => bench.lamp = high,
             Role::Fan => bench.fan = high,
             Role::Heartbeat => bench.beats += 1,
-            Role::Step(_) | Role::Home(_) | Role::Stop | Role::Stall(_) | Role::Hot | Role::CameraReady => {}
+            Role::Step(_) | Role::Home(_) | Role::Stop | Role::Alarm(_) | Role::Hot | Role::CameraReady => {}
         }
     }
 }
@@ -153,8 +181,8 @@ impl OutputPin for Pin {
 impl InputPin for Pin {
     fn is_high(&mut self) -> Result<bool, Infallible> {
         let bench = self.0.borrow();
-        Ok(match self.1 {
-            Role::Stall(axis) => bench.stalled[axis],
+        let active = match self.1 {
+            Role::Alarm(axis) => bench.alarm[axis],
             Role::Hot => bench.hot,
             Role::CameraReady => bench.now_us >= bench.camera_ready_us,
             // A contact bounces for 1 ms at each edge.
@@ -165,7 +193,8 @@ impl InputPin for Pin {
             Role::Home(axis) => bench.motors[axis] <= SWITCH_AT + bench.switch_shift[axis],
             Role::Stop => bench.stop_pressed,
             _ => false,
-        })
+        };
+        Ok(active != self.is_inverted(bench.inverted))
     }
     fn is_low(&mut self) -> Result<bool, Infallible> {
         self.is_high().map(|high| !high)
@@ -194,6 +223,14 @@ impl AnalogInput for Diode {
         let readings = &mut self.0.borrow_mut().readings;
         readings.rotate_left(usize::from(!readings.is_empty()));
         Some(readings.back().copied().unwrap_or(1234))
+    }
+    fn begin(&mut self, duration_us: u32) -> bool {
+        let bench = &mut *self.0.borrow_mut();
+        bench.devices.begin_readings(bench.now_us, duration_us)
+    }
+    fn gather(&mut self) -> Option<Readings> {
+        let bench = &mut *self.0.borrow_mut();
+        (!bench.diode_broken).then(|| bench.devices.gather(bench.now_us))
     }
 }
 
@@ -229,16 +266,25 @@ pub(crate) const SESSION: u32 = 77;
 
 impl Rig {
     pub(crate) fn new() -> Self {
-        Self::build(None)
+        Self::build(None, |_| {})
     }
 
     /// With memory for parameters.
     pub(crate) fn with_storage(storage: &'static mut (dyn Storage + Send)) -> Self {
-        Self::build(Some(storage))
+        Self::build(Some(storage), |_| {})
     }
 
-    fn build(storage: Option<&'static mut (dyn Storage + Send)>) -> Self {
+    /// With another set of what a board may have.
+    pub(crate) fn with_options(change: impl FnOnce(&mut Options<TestBoard>)) -> Self {
+        Self::build(None, change)
+    }
+
+    fn build(
+        storage: Option<&'static mut (dyn Storage + Send)>,
+        change: impl FnOnce(&mut Options<TestBoard>),
+    ) -> Self {
         let bench = Shared::default();
+        devices::attach(&bench);
         let pin = |role| Pin(Rc::clone(&bench), role);
         let peripherals = Peripherals {
             axes: std::array::from_fn(|axis| AxisPins {
@@ -256,8 +302,9 @@ impl Rig {
         };
         let emergency_stop: &'static EmergencyStop = Box::leak(Box::new(EmergencyStop::new()));
         let meals = Arc::new(AtomicU32::new(0));
-        let options = Options {
-            stall: std::array::from_fn(|axis| Some(pin(Role::Stall(axis)))),
+        let mut options = Options {
+            alarm: std::array::from_fn(|axis| Some(pin(Role::Alarm(axis)))),
+            alarms: None,
             over_temperature: Some(pin(Role::Hot)),
             camera_ready: Some(pin(Role::CameraReady)),
             drivers: None,
@@ -266,30 +313,45 @@ impl Rig {
             watchdog: Some(Box::leak(Box::new(Dog(Arc::clone(&meals))))),
             fan: Some(pin(Role::Fan)),
             heartbeat: Some(pin(Role::Heartbeat)),
+            timed_shutter: None,
+            outputs: None,
+            brown_out: None,
             most_steps_per_s: Some(30_000),
             bearable_late_us: lobelia_firmware::board::BEARABLE_LATE_US,
             crash: Some(CrashRecord { cause: CrashCause::HardFault, place: 0x0800_1234 }),
         };
+        change(&mut options);
         let controller = Controller::with_options(peripherals, options);
         Self { bench, emergency_stop, meals, controller, decoder: FrameDecoder::new(), next_id: 1 }
     }
 
     /// With a session, and configured.
     pub(crate) fn greeted(configuration: Configuration) -> Self {
-        let mut rig = Self::new();
+        Self::new().ready(configuration)
+    }
+
+    /// This one with a session, and configured.
+    pub(crate) fn ready(mut self, configuration: Configuration) -> Self {
+        let rig = &mut self;
         rig.open(SESSION);
         assert!(matches!(rig.configure(configuration), Outcome::Done(_)));
         rig.reopen();
-        rig
+        // All outputs were told to be off.
+        rig.bench.borrow_mut().shutter.clear();
+        self
     }
 
     /// With positions known too.
     pub(crate) fn homed() -> Self {
-        let mut rig = Self::greeted(configuration());
-        assert!(matches!(rig.ask(Command::Home), Outcome::Done(_)));
-        rig.reopen();
-        rig.bench.borrow_mut().steps = Default::default();
-        rig
+        Self::greeted(configuration()).at_home()
+    }
+
+    /// This one homed.
+    pub(crate) fn at_home(mut self) -> Self {
+        assert!(matches!(self.ask(Command::Home), Outcome::Done(_)));
+        self.reopen();
+        self.bench.borrow_mut().steps = Default::default();
+        self
     }
 
     fn open(&mut self, session: u32) {
@@ -415,46 +477,5 @@ pub(crate) fn refusal(outcome: Outcome) -> Refusal {
     match outcome {
         Outcome::Refused(refusal) => refusal,
         other => panic!("not refused: {other:?}"),
-    }
-}
-
-/// Axes of different speeds; home switch at the lower end, at step −1000 of the axis.
-pub(crate) fn configuration() -> Configuration {
-    let axis = |max_speed, acceleration| AxisParameters {
-        min_steps: -900,
-        max_steps: 5000,
-        max_speed,
-        acceleration,
-        jerk: 20 * acceleration,
-        full_turn_steps: 0,
-        take_up_steps: 40,
-        settle_ms: 20,
-        home_direction: HomeDirection::Negative,
-        home_position: -1000,
-        home_speed: max_speed / 2,
-        home_slow_speed: 50,
-        home_back_off: 60,
-        home_switch_steps: 500,
-        home_order: 0,
-        home_travel: 4000,
-        home_debounce_us: 2000,
-        index_tolerance: 2,
-        driver: None,
-    };
-    Configuration {
-        axes: [axis(2000, 4000), axis(1000, 20_000), axis(300, 100), axis(20_000, 50_000)],
-        settings: Settings {
-            lamp_warm_up_s: 10,
-            lamp_least_reading: 300,
-            lease_ms: 0,
-            lamp_lease_ms: 0,
-            lamp_safe_level: 0,
-            lamp_longest_s: 172_800,
-            fan_run_on_s: 0,
-            camera_wait_ms: 50,
-            coordinated: true,
-            pulse_us: 2,
-            direction_setup_us: 5,
-        },
     }
 }

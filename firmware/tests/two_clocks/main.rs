@@ -1,11 +1,13 @@
 //! The controller at its pins, with a step interrupt that breaks into it anywhere: what no single virtual clock can show.
 #![allow(clippy::unwrap_used)]
 
+mod alarms;
 mod pins;
 mod rig;
 
 use lobelia_protocol::{
-    Answer, Axis, AxisParameters, Command, Configuration, Fault, HomeDirection, Outcome, Refusal, Settings,
+    Alarm, Answer, Axis, AxisParameters, Command, Configuration, Fault, HomeDirection, Outcome, Pins,
+    Refusal, Settings,
 };
 use proptest::prelude::*;
 use rig::{Costs, Rig, SWITCH_AT, Skew, Step};
@@ -32,6 +34,9 @@ fn configuration(max_speed: u32, acceleration: u32, jerk: u32) -> Configuration 
         home_debounce_us: 3000,
         index_tolerance: 4,
         driver: None,
+        inverted: Pins::NONE,
+        alarm: Alarm::None,
+        alarm_debounce_us: 20,
     };
     let settings = Settings {
         lamp_warm_up_s: 10,
@@ -45,6 +50,7 @@ fn configuration(max_speed: u32, acceleration: u32, jerk: u32) -> Configuration 
         coordinated: false,
         pulse_us: 3,
         direction_setup_us: 6,
+        inverted: Pins::NONE,
     };
     Configuration { axes: [axis; 4], settings }
 }
@@ -159,7 +165,8 @@ fn pulses_and_direction_set_up_are_never_undercut() {
         let mut configuration = configuration(speed, 400_000, 8_000_000);
         configuration.settings.pulse_us = pulse_us;
         configuration.settings.direction_setup_us = direction_setup_us;
-        for seed in 1..4 {
+        for (seed, inverted) in [(1, Pins::NONE), (2, Pins::NONE), (3, Pins::OF_AXIS)] {
+            configuration.axes.iter_mut().for_each(|axis| axis.inverted = inverted);
             let costs = Costs { latency_ns: 8000, look_ns: 20_000, poll_ns: 300_000, ..Costs::LIGHT };
             let mut rig = Rig::homed(seed, costs, &configuration);
             for targets in [[4000, 3900, 3800, 3700], [10, 20, 30, 40], [500; 4]] {
@@ -345,6 +352,8 @@ struct Run {
     acceleration: u32,
     jerk: u32,
     pulse_us: u8,
+    direction_setup_us: u8,
+    inverted: bool,
     costs: Costs,
     skew: Skew,
     noise_every: u64,
@@ -352,7 +361,7 @@ struct Run {
 }
 
 fn runs() -> impl Strategy<Value = Run> {
-    let rates = (2.5..4.3f64, 3.0..5.5f64, 4.0..7.0f64, 1..10u8);
+    let rates = (2.5..4.3f64, 3.0..5.5f64, 4.0..7.0f64, 1..10u8, any::<u8>(), any::<bool>());
     let costs = (0..8000u64, 0..60_000u64, 0..400_000u64, prop_oneof![Just(0), 20..400u64], 0..30_000_000u64);
     let skews = prop_oneof![
         4 => Just(Skew::default()),
@@ -365,7 +374,7 @@ fn runs() -> impl Strategy<Value = Run> {
     (any::<u64>(), rates, costs, skews, noise, commands).prop_map(
         |(
             seed,
-            (v, a, j, pulse_us),
+            (v, a, j, pulse_us, direction_setup_us, inverted),
             (latency_ns, look_ns, poll_ns, long_every, long_ns),
             skew,
             noise_every,
@@ -377,6 +386,8 @@ fn runs() -> impl Strategy<Value = Run> {
                 acceleration: 10f64.powf(a) as u32,
                 jerk: 10f64.powf(j) as u32,
                 pulse_us,
+                direction_setup_us,
+                inverted,
                 costs: Costs { latency_ns, look_ns, poll_ns, long_every, long_ns },
                 skew,
                 noise_every,
@@ -391,6 +402,10 @@ fn runs() -> impl Strategy<Value = Run> {
 fn holds(run: &Run) -> Result<(), TestCaseError> {
     let mut configuration = configuration(run.speed, run.acceleration, run.jerk);
     configuration.settings.pulse_us = run.pulse_us;
+    configuration.settings.direction_setup_us = run.direction_setup_us;
+    if run.inverted {
+        configuration.axes.iter_mut().for_each(|axis| axis.inverted = Pins::OF_AXIS);
+    }
     let mut rig = Rig::homed(run.seed, run.costs, &configuration);
     rig.skew = run.skew;
     rig.world.borrow_mut().noise_every = run.noise_every;
@@ -423,7 +438,7 @@ fn holds(run: &Run) -> Result<(), TestCaseError> {
             let least_ns = u64::from(run.pulse_us) * 1000;
             let world = rig.world.borrow();
             prop_assert!(world.shortest_high_ns >= least_ns && world.shortest_low_ns >= least_ns);
-            prop_assert!(world.shortest_setup_ns >= 6000);
+            prop_assert!(world.shortest_setup_ns >= u64::from(run.direction_setup_us) * 1000);
         } else {
             prop_assert_eq!(status.known, [false; 4], "{:?} after {:?}", status.faults, command);
             prop_assert!(status.faults.contains(Fault::StepsLate), "{:?}", status.faults);

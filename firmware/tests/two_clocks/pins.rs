@@ -15,6 +15,7 @@ pub(crate) enum Role {
     Shutter,
     Lamp,
     Stop,
+    Alarm(usize),
 }
 
 #[derive(Debug)]
@@ -56,6 +57,7 @@ impl Pin {
         {
             let world = &mut *self.0.borrow_mut();
             world.spend(200);
+            let high = high != world.is_inverted(self.1);
             match self.1 {
                 Role::Step(axis) => world.step_pin(axis, high),
                 Role::Direction(axis) if world.up[axis] != high => {
@@ -64,7 +66,7 @@ impl Pin {
                 }
                 Role::Enable(axis) => world.enabled[axis] = high,
                 Role::Lamp => world.lamp = high,
-                Role::Direction(_) | Role::Home(_) | Role::Shutter | Role::Stop => {}
+                Role::Direction(_) | Role::Home(_) | Role::Shutter | Role::Stop | Role::Alarm(_) => {}
             }
         }
         let_interrupt();
@@ -86,11 +88,13 @@ impl InputPin for Pin {
     fn is_high(&mut self) -> Result<bool, Broken> {
         let mut world = self.0.borrow_mut();
         world.spend(200);
-        Ok(match self.1 {
+        let active = match self.1 {
             Role::Home(axis) => world.switch(axis),
+            Role::Alarm(axis) => world.alarm(axis),
             Role::Stop => world.stop_pressed,
             _ => false,
-        })
+        };
+        Ok(active != world.is_inverted(self.1))
     }
     fn is_low(&mut self) -> Result<bool, Broken> {
         self.is_high().map(|high| !high)

@@ -9,9 +9,11 @@ use std::cell::{Cell, RefCell};
 use std::collections::{HashMap, VecDeque};
 use std::rc::Rc;
 
-use lobelia_firmware::{AxisPins, Controller, Peripherals, Pulses, PulsesCell};
+use lobelia_firmware::safety::alarm::Alarms;
+use lobelia_firmware::{AxisPins, Controller, Options, Peripherals, Pulses, PulsesCell};
 use lobelia_protocol::{
-    Answer, Command, Configuration, FrameDecoder, Hello, Outcome, Request, Status, ToController, ToHost,
+    self as protocol, Answer, Command, Configuration, FrameDecoder, Hello, Outcome, Request, Status,
+    ToController, ToHost,
 };
 
 use crate::pins::{Dimmer, Diode, Pin, Role, TwoClocks, Wire};
@@ -78,6 +80,12 @@ pub(crate) struct World {
     pub(crate) dimmer_broken: bool,
     pub(crate) level_set: u16,
     pub(crate) stop_pressed: bool,
+    /// Whether every pin of every axis is wired the other way round.
+    pub(crate) inverted: bool,
+    /// Of which axis, and from when to when, an alarm input is active: in order, one after the other.
+    pub(crate) alarms: VecDeque<(usize, u64, u64)>,
+    /// When the alarms' interrupt is due next.
+    alarm_due_ns: Option<(usize, u64)>,
     pub(crate) to_controller: VecDeque<u8>,
     pub(crate) to_host: Vec<u8>,
 }
@@ -127,6 +135,32 @@ impl World {
         self.steps[axis].push(Step { at_ns: now, up: self.up[axis] });
     }
 
+    /// Whether a pin is wired the other way round.
+    pub(crate) fn is_inverted(&self, role: Role) -> bool {
+        let of_axis = matches!(
+            role,
+            Role::Step(_) | Role::Direction(_) | Role::Enable(_) | Role::Home(_) | Role::Alarm(_)
+        );
+        self.inverted && of_axis
+    }
+
+    /// Whether an axis's alarm input is active.
+    pub(crate) fn alarm(&self, axis: usize) -> bool {
+        self.alarms.iter().any(|&(of, from, to)| of == axis && (from..to).contains(&self.ns))
+    }
+
+    /// The next change of an alarm input after a time.
+    fn next_alarm(&self, after_ns: u64) -> Option<(usize, u64)> {
+        let edges = self.alarms.iter().flat_map(|&(axis, from, to)| [(axis, from), (axis, to)]);
+        edges.filter(|&(_, at)| at > after_ns).min_by_key(|&(_, at)| at)
+    }
+
+    /// Has alarm inputs be active from now on as told: each of an axis, from when, for so long.
+    pub(crate) fn ring(&mut self, alarms: impl IntoIterator<Item = (usize, u64, u64)>) {
+        self.alarms = alarms.into_iter().map(|(axis, from, lasts)| (axis, from, from + lasts)).collect();
+        self.alarm_due_ns = self.next_alarm(self.ns);
+    }
+
     pub(crate) fn switch(&mut self, axis: usize) -> bool {
         let now = self.ns;
         if let Some(stuck) = self.stuck[axis] {
@@ -144,6 +178,7 @@ pub(crate) type Shared = Rc<RefCell<World>>;
 thread_local! {
     static PULSES: RefCell<Option<Pulses<TwoClocks>>> = const { RefCell::new(None) };
     static WORLD: RefCell<Option<Shared>> = const { RefCell::new(None) };
+    static ALARMS: &'static Alarms = Box::leak(Box::new(Alarms::new()));
     static IN_INTERRUPT: Cell<bool> = const { Cell::new(false) };
 }
 
@@ -157,8 +192,22 @@ pub(crate) fn let_interrupt() {
     if IN_INTERRUPT.get() || PULSES.with(|pulses| pulses.try_borrow_mut().is_err()) {
         return;
     }
+    alarm_interrupts(&world);
     while world.borrow().is_due() {
         interrupt(&world);
+    }
+}
+
+/// Runs the alarms' interrupt for each change that has come.
+fn alarm_interrupts(shared: &Shared) {
+    let world = &mut *shared.borrow_mut();
+    while let Some((axis, at_ns)) = world.alarm_due_ns.filter(|&(_, at_ns)| at_ns <= world.ns) {
+        let latency_ns = world.costs.latency_ns;
+        world.spend(latency_ns);
+        world.alarm_due_ns = world.next_alarm(at_ns);
+        let high = world.alarm(axis) != world.is_inverted(Role::Alarm(axis));
+        let count = world.timer();
+        ALARMS.with(|alarms| alarms.changed(axis, high, count));
     }
 }
 
@@ -185,6 +234,15 @@ fn interrupt(shared: &Shared) {
 fn pass_until(shared: &Shared, end_ns: u64) {
     loop {
         let due_ns = shared.borrow().due_ns();
+        let alarm_ns = shared.borrow().alarm_due_ns.map(|(_, at)| at).filter(|&at| at <= end_ns);
+        if let Some(at) = alarm_ns
+            && due_ns.is_none_or(|due_ns| at <= due_ns)
+        {
+            let now_ns = shared.borrow().ns;
+            shared.borrow_mut().ns = at.max(now_ns);
+            alarm_interrupts(shared);
+            continue;
+        }
         let Some(due_ns) = due_ns.filter(|&due_ns| due_ns <= end_ns) else { break };
         let now_ns = shared.borrow().ns;
         shared.borrow_mut().ns = due_ns.max(now_ns);
@@ -264,12 +322,20 @@ impl Rig {
             dimmer_broken: false,
             level_set: 0,
             stop_pressed: false,
+            inverted: false,
+            alarms: VecDeque::new(),
+            alarm_due_ns: None,
             to_controller: VecDeque::new(),
             to_host: Vec::new(),
         }));
         WORLD.with(|kept| *kept.borrow_mut() = Some(Rc::clone(&world)));
         let pin = |role| Pin(Rc::clone(&world), role);
-        let controller = Controller::new(Peripherals {
+        let options = Options {
+            alarm: std::array::from_fn(|axis| Some(pin(Role::Alarm(axis)))),
+            alarms: Some(ALARMS.with(|alarms| *alarms)),
+            ..Options::default()
+        };
+        let peripherals = Peripherals {
             axes: std::array::from_fn(|axis| AxisPins {
                 direction: pin(Role::Direction(axis)),
                 enable: pin(Role::Enable(axis)),
@@ -282,7 +348,8 @@ impl Rig {
             photodiode: Diode,
             emergency_stop: pin(Role::Stop),
             link: Wire(Rc::clone(&world)),
-        });
+        };
+        let controller = Controller::with_options(peripherals, options);
         let decoder = FrameDecoder::new();
         let skew = Skew::default();
         let mut rig = Self {
@@ -303,6 +370,7 @@ impl Rig {
     /// With parameters set and positions known.
     pub(crate) fn homed(seed: u64, costs: Costs, configuration: &Configuration) -> Self {
         let mut rig = Self::new(seed, Costs::LIGHT);
+        rig.world.borrow_mut().inverted = configuration.axes[0].inverted != protocol::Pins::NONE;
         rig.configure(configuration);
         let homed = rig.ask(Command::Home);
         assert!(matches!(homed, Outcome::Done(_)), "{homed:?}");

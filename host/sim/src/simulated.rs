@@ -11,7 +11,7 @@ use lobelia_hil_sim::optics::noise;
 use lobelia_hil_sim::optics::{
     BenchConfig, CameraModel, OpticalBench, RadianceImage, SampleLayout, SensorModel,
 };
-use lobelia_hil_sim::{AxisMechanics, LampConfig, MechanicsConfig, SimulatedLink, SimulatedRig};
+use lobelia_hil_sim::{AxisMechanics, LampConfig, MechanicsConfig, SimulatedLink, SimulatedRig, Wiring};
 use serde::{Deserialize, Serialize};
 
 use lobelia_base::error::{Error, Result};
@@ -267,5 +267,18 @@ pub fn mechanics(config: &RigConfig) -> MechanicsConfig {
         photodiode_counts: config.lamp.reference_reading,
         ..LampConfig::default()
     };
-    MechanicsConfig { seed: simulator.seed, pan: axis(0), tilt: axis(1), roll: axis(2), light: axis(3), lamp }
+    let wiring = Wiring {
+        axes: config.axes.in_order().map(|axis| axis.invert.iter().copied().collect()),
+        rest: config.wiring.invert.iter().copied().collect(),
+    };
+    MechanicsConfig {
+        seed: simulator.seed,
+        pan: axis(0),
+        tilt: axis(1),
+        roll: axis(2),
+        light: axis(3),
+        lamp,
+        wiring,
+        ..MechanicsConfig::default()
+    }
 }

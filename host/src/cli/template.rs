@@ -72,7 +72,7 @@ const MATERIAL_HEADING: &str = "\
 ";
 
 /// What the keys of a rig mean that do not say so themselves.
-const COMMENTS: [(&str, &str); 39] = [
+const COMMENTS: [(&str, &str); 42] = [
     ("home_deg", "angle of the home switch's edge, below min_deg"),
     (
         "home_switch_deg",
@@ -86,6 +86,9 @@ const COMMENTS: [(&str, &str); 39] = [
         "largest error of a position: how far the motors are trusted against the fiducials",
     ),
     ("full_turn", "whether the axis may take the shorter way round"),
+    ("invert", "pins wired otherwise than the board's table says: step, direction, enable, home, alarm"),
+    ("alarm", "driver's output: level (ALARM, ERR), edge (TMC's DIAG), none"),
+    ("alarm_debounce_us", "it counts once it has lasted for so long"),
     ("coordinated", "all axes arrive at once"),
     ("check_every_poses", "a run looks for the home switches so often, and after the last pose; 0 for never"),
     ("pulse_us", "shortest time that a step pin stays high, and low: the longest that a driver wants"),

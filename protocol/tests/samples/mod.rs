@@ -1,9 +1,10 @@
 //! One sample of each message.
 
 use lobelia_protocol::{
-    Answer, Axis, AxisParameters, Command, CrashCause, CrashRecord, DriverParameters, DriverTrouble, Event,
-    Exposure, Fault, FaultReport, Faults, Field, Happening, Hello, HomeDirection, HomingReport, LampStatus,
-    LogLine, Outcome, Refusal, Request, Response, Settings, Status, Telemetry, ToController, ToHost,
+    Alarm, Answer, Axis, AxisParameters, Command, CrashCause, CrashRecord, DriverParameters, DriverTrouble,
+    Event, Exposure, Fault, FaultReport, Faults, Field, Happening, Hello, HomeDirection, HomingReport,
+    LampStatus, LogLine, Outcome, Pin, Pins, Refusal, Request, Response, Settings, Status, Telemetry,
+    ToController, ToHost,
 };
 
 const SETTINGS: Settings = Settings {
@@ -18,6 +19,7 @@ const SETTINGS: Settings = Settings {
     coordinated: true,
     pulse_us: 3,
     direction_setup_us: 200,
+    inverted: Pins::OF_RIG,
 };
 
 fn axis_parameters(base: i32) -> AxisParameters {
@@ -48,6 +50,9 @@ fn axis_parameters(base: i32) -> AxisParameters {
             stall_threshold: 60,
             stall_above_speed: 4000,
         }),
+        inverted: [Pin::Direction, Pin::Home].into_iter().filter(|_| base == 1).collect(),
+        alarm: if base == 1 { Alarm::Edge } else { Alarm::None },
+        alarm_debounce_us: 20,
     }
 }
 
@@ -88,6 +93,7 @@ fn status() -> Status {
         faults: Fault::ALL.into_iter().collect(),
         emergency_stop: true,
         uptime_us: u64::MAX,
+        alarms: [false, true, true, false],
     }
 }
 

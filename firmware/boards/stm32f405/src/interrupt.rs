@@ -1,4 +1,4 @@
-//! The interrupts: the emergency stop, before which all others give way; USART 2 carries bytes between its registers and the link's
+//! The interrupts: the emergency stop, before which all others give way, and next to it the drivers' alarms; USART 2 carries bytes between its registers and the link's
 //! rings, TIM5 counts the time and makes the steps, SysTick ends the main loop's sleep.
 //!
 //! There is one clock. A processor that waits for its flash misses SysTick's interrupts, but TIM5 counts on; so the controller's time is
@@ -19,7 +19,7 @@ use stm32f4xx_hal::prelude::*;
 use stm32f4xx_hal::serial::{Rx, RxListen, Tx, TxListen};
 
 /// System clock, counts a µs. QEMU's SysTick counts at this rate whatever the clocks are set to.
-const TICKS_PER_US: u32 = 168;
+pub(crate) const TICKS_PER_US: u32 = 168;
 /// The clock's interrupt comes this often, in µs, and ends the main loop's sleep.
 const PERIOD_US: u32 = 1000;
 /// The clock's counter starts from this value.
@@ -46,7 +46,12 @@ fn SysTick() {
 
 #[interrupt]
 fn EXTI9_5() {
-    crate::pins::stop();
+    crate::pins::stop_or_alarm();
+}
+
+#[interrupt]
+fn EXTI15_10() {
+    crate::pins::alarm();
 }
 
 #[interrupt]
@@ -87,11 +92,13 @@ pub(crate) fn give_port(tx: Tx<pac::USART2>, mut rx: Rx<pac::USART2>) {
     critical_section::with(|section| PORT.borrow_ref_mut(section).replace((tx, rx)));
 }
 
-/// Puts the emergency stop, at 0, before all others.
+/// Puts the emergency stop, at 0, before all others, and alarms before the rest, so that their pulses are timed.
 pub(crate) fn set_priorities(nvic: &mut NVIC, scb: &mut SCB) {
+    const SOON: u8 = 0x40;
     const LATER: u8 = 0x80;
     // SAFETY: no critical section relies on priorities.
     unsafe {
+        nvic.set_priority(Interrupt::EXTI15_10, SOON);
         nvic.set_priority(Interrupt::USART2, LATER);
         nvic.set_priority(Interrupt::TIM5, LATER);
         scb.set_priority(SystemHandler::SysTick, LATER);
@@ -100,7 +107,7 @@ pub(crate) fn set_priorities(nvic: &mut NVIC, scb: &mut SCB) {
 
 /// Lets the emergency stop and the USART interrupt.
 pub fn start_interrupts() {
-    for interrupt in [Interrupt::EXTI9_5, Interrupt::USART2, Interrupt::TIM5] {
+    for interrupt in [Interrupt::EXTI9_5, Interrupt::EXTI15_10, Interrupt::USART2, Interrupt::TIM5] {
         // SAFETY: called once at the start; the port is behind a mutex, and no critical section relies on the mask.
         unsafe { NVIC::unmask(interrupt) };
     }
@@ -146,13 +153,18 @@ fn TIM5() {
     let _ = serve_steps(|now| now);
 }
 
+/// In `SR`: the first comparator has matched.
+const STEPS_DUE: u32 = 1 << 1;
+
 /// What the steps' interrupt does: makes the steps that are due, and sets the timer for the next. `at` gives the time to take
 /// for now, from what the timer says in µs. Gives when it is to be called next.
 #[inline(always)]
 pub fn serve_steps(at: impl Fn(u32) -> u32) -> Option<u32> {
     // SAFETY: once the timer is started only this touches it, and any comparison is allowed.
     let timer = unsafe { &*pac::TIM5::ptr() };
-    timer.sr().write(|w| w.cc1if().clear_bit());
+    // A flag is cleared by 0; the others are the shutter's.
+    // SAFETY: 1 leaves a flag as it is.
+    timer.sr().write(|w| unsafe { w.bits(!STEPS_DUE) });
     while let Some(next) = crate::steps::make(|| at(timer.cnt().read().bits())) {
         // SAFETY: as above.
         unsafe { timer.ccr1().write(|w| w.bits(next)) };

@@ -4,6 +4,8 @@
 //! `lobelia_board_support::model` in place of home switches, lamp level and photodiode.
 #![no_std]
 
+#[cfg(not(feature = "qemu"))]
+mod brown_out;
 #[path = "../../shared/crash.rs"]
 mod crash;
 #[cfg(not(feature = "qemu"))]
@@ -16,7 +18,11 @@ mod flash;
 mod interrupt;
 #[path = "../../shared/kept.rs"]
 mod kept;
+#[cfg(not(feature = "qemu"))]
+mod photodiode;
 mod pins;
+#[cfg(not(feature = "qemu"))]
+mod shutter;
 #[path = "../../shared/steps.rs"]
 mod steps;
 #[cfg(not(feature = "qemu"))]
@@ -26,7 +32,7 @@ use lobelia_board_support::link::{Received, RingLink, ToSend};
 #[cfg(feature = "qemu")]
 use lobelia_board_support::model;
 use lobelia_firmware::{AxisPins, Board, Options, Peripherals};
-use stm32f4xx_hal::gpio::{AnyPin, Edge, Input, Output, Pin, Pull, PushPull};
+use stm32f4xx_hal::gpio::{AnyPin, Edge, ExtiPin, Input, Pin};
 use stm32f4xx_hal::prelude::*;
 use stm32f4xx_hal::{pac, rcc, serial};
 
@@ -45,27 +51,13 @@ pub(crate) use Stm32f405 as ThisBoard;
 pub mod parts {
     //! The real lamp level and photodiode.
 
-    use stm32f4xx_hal::adc::Adc;
-    use stm32f4xx_hal::adc::config::SampleTime;
-    use stm32f4xx_hal::gpio::{Analog, PA0};
     use stm32f4xx_hal::pac;
     use stm32f4xx_hal::timer::PwmChannel;
 
+    pub use crate::photodiode::Photodiode;
+
     /// TIM3's channel 1.
     pub type LampLevel = PwmChannel<pac::TIM3, 0>;
-
-    /// The photodiode's amplifier on ADC1's input 0.
-    pub struct Photodiode {
-        pub(crate) adc: Adc<pac::ADC1>,
-        pub(crate) pin: PA0<Analog>,
-    }
-
-    impl lobelia_firmware::AnalogInput for Photodiode {
-        fn read(&mut self) -> Option<u16> {
-            // 28 + 12 cycles at 21 MHz: 2 µs.
-            Some(self.adc.convert(&self.pin, SampleTime::Cycles_28))
-        }
-    }
 }
 
 #[cfg(not(feature = "qemu"))]
@@ -153,7 +145,7 @@ pub fn set_up() -> Option<(Peripherals<Stm32f405>, Options<Stm32f405>)> {
     let (tx, rx) = port.split();
     interrupt::give_port(tx, rx);
 
-    let steps = StepPort::new([step(c.pc0), step(c.pc1), step(c.pc2), step(c.pc3)]);
+    let steps = StepPort::new([low(c.pc0), low(c.pc1), low(c.pc2), low(c.pc3)]);
     let directions = [output(c.pc4), output(c.pc5), output(c.pc6), output(c.pc7)];
     let enables = [disabled(b.pb12), disabled(b.pb13), disabled(b.pb14), disabled(b.pb15)];
     let homes = [input(b.pb5), input(b.pb6), input(b.pb7), input(b.pb8)];
@@ -162,13 +154,21 @@ pub fn set_up() -> Option<(Peripherals<Stm32f405>, Options<Stm32f405>)> {
     stop.make_interrupt_source(&mut syscfg);
     stop.trigger_on_edge(&mut exti, Edge::Rising);
     stop.enable_interrupt(&mut exti);
+    let mut alarm = [low(c.pc8), low(c.pc13), low(c.pc10), low(c.pc11)];
+    for pin in &mut alarm {
+        pin.make_interrupt_source(&mut syscfg);
+        pin.trigger_on_edge(&mut exti, Edge::RisingFalling);
+        pin.enable_interrupt(&mut exti);
+    }
     #[cfg(not(feature = "qemu"))]
     let wire = device.USART3.serial((b.pb10, b.pb11), config, &mut rcc).ok().map(drivers::DriverWire)?;
     let options = Options {
-        stall: [absent(c.pc8), absent(c.pc9), absent(c.pc10), absent(c.pc11)].map(Some),
+        alarm: alarm.map(|pin| Some(modelled(InputLine(pin)))),
+        alarms: Some(&pins::ALARMS),
+        outputs: cortex_m::singleton!(: pins::AllOutputs = pins::AllOutputs).map(|outputs| outputs as _),
         over_temperature: Some(modelled(input(b.pb0))),
         fan: Some(plain(output(c.pc12))),
-        heartbeat: Some(plain(output(b.pb1))),
+        heartbeat: Some(plain(output(b.pb1).driven())),
         emergency_stop: Some(&pins::EMERGENCY_STOP),
         crash: kept::take_crash().or(reset),
         most_steps_per_s: Some(MOST_STEPS_PER_S),
@@ -182,6 +182,11 @@ pub fn set_up() -> Option<(Peripherals<Stm32f405>, Options<Stm32f405>)> {
         #[cfg(feature = "qemu")]
         storage: cortex_m::singleton!(: kept::KeptSlots = kept::KeptSlots).map(|slots| slots as _),
         #[cfg(not(feature = "qemu"))]
+        timed_shutter: cortex_m::singleton!(: shutter::ShutterTimer = shutter::ShutterTimer)
+            .map(|timer| timer as _),
+        #[cfg(not(feature = "qemu"))]
+        brown_out: cortex_m::singleton!(: brown_out::Level3 = brown_out::Level3).map(|level| level as _),
+        #[cfg(not(feature = "qemu"))]
         watchdog: cortex_m::singleton!(: watchdog::Watchdog = watchdog::Watchdog::new(device.IWDG))
             .map(|watchdog| watchdog as _),
         ..Options::default()
@@ -191,7 +196,7 @@ pub fn set_up() -> Option<(Peripherals<Stm32f405>, Options<Stm32f405>)> {
         directions,
         enables,
         homes,
-        shutter: output(a.pa4),
+        shutter: shutter(a.pa1),
         lamp: output(a.pa5),
         stop: InputLine(stop.erase()),
     };
@@ -199,13 +204,18 @@ pub fn set_up() -> Option<(Peripherals<Stm32f405>, Options<Stm32f405>)> {
     #[cfg(not(feature = "qemu"))]
     {
         interrupt::start_step_timer(&device.TIM5, &mut rcc);
-        use stm32f4xx_hal::adc::{Adc, config::AdcConfig};
+        use stm32f4xx_hal::adc::Adc;
+        use stm32f4xx_hal::adc::config::{AdcConfig, Clock};
+        use stm32f4xx_hal::rcc::Enable;
         let (_, (level, ..)) = device.TIM3.pwm_hz(20.kHz(), &mut rcc);
         let mut level = level.with(a.pa6);
         level.set_duty(0);
         level.enable();
-        let adc = Adc::new(device.ADC1, true, AdcConfig::default(), &mut rcc);
-        Some((lines.real(level, parts::Photodiode { adc, pin: a.pa0.into_analog() }), options))
+        // 21 MHz: more than 36 MHz it must not have.
+        let adc = Adc::new(device.ADC1, true, AdcConfig::default().clock(Clock::Pclk2_div_4), &mut rcc);
+        pac::DMA2::enable(&mut rcc);
+        let ring = cortex_m::singleton!(: photodiode::Ring = [0; 2048])?;
+        Some((lines.real(level, parts::Photodiode::new(adc, a.pa0.into_analog(), ring)), options))
     }
     #[cfg(feature = "qemu")]
     Some((lines.modelled(), options))
@@ -273,29 +283,30 @@ impl Lines {
     }
 }
 
+/// An output that is pulled low until its wiring is known.
 fn output<const P: char, const N: u8>(pin: Pin<P, N>) -> OutputLine {
-    let pin: AnyPin<Output<PushPull>> = pin.into_push_pull_output().erase();
-    OutputLine::new(pin)
+    OutputLine::new(&low(pin))
 }
 
-/// A step output, which stays low while the emergency stop lets it go.
-fn step<const P: char, const N: u8>(pin: Pin<P, N>) -> AnyPin<Output<PushPull>> {
-    pin.into_push_pull_output().internal_resistor(Pull::Down).erase()
-}
-
-/// A driver's inverted enable input, off.
+/// A driver's inverted enable input, pulled off.
 fn disabled<const P: char, const N: u8>(pin: Pin<P, N>) -> OutputLine {
-    OutputLine::inverted(pin.into_push_pull_output_in_state(true.into()).erase())
+    OutputLine::inverted(&pin.into_pull_up_input().erase())
+}
+
+/// The shutter's pin, of TIM5's second comparator as soon as it is driven.
+fn shutter(pin: Pin<'A', 1>) -> OutputLine {
+    let pin = pin.into_alternate::<2>().into_pull_down_input();
+    output(pin)
+}
+
+/// An input that reads low where nothing is connected.
+fn low<const P: char, const N: u8>(pin: Pin<P, N>) -> AnyPin<Input> {
+    pin.into_pull_down_input().erase()
 }
 
 fn input<const P: char, const N: u8>(pin: Pin<P, N>) -> InputLine {
     let pin: AnyPin<Input> = pin.into_pull_up_input().erase();
     InputLine(pin)
-}
-
-/// An input that reads low where nothing is connected.
-fn absent<const P: char, const N: u8>(pin: Pin<P, N>) -> <Stm32f405 as Board>::Input {
-    modelled(InputLine(pin.into_pull_down_input().erase()))
 }
 
 /// A real input, also where others are modelled.

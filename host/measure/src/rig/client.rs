@@ -381,7 +381,17 @@ impl RigClient {
             unheard = true;
             silence += 1;
             let mut patience = Patience::of(PATIENCE);
-            while let Some(received) = self.receive_patiently(&mut patience)? {
+            let mut quiet = Duration::ZERO;
+            loop {
+                let Some(received) = self.receive_patiently(&mut patience)? else {
+                    // While the shutter is open nothing is sent, lest it closes late.
+                    quiet = quiet.saturating_sub(PATIENCE);
+                    if quiet.is_zero() || self.is_interrupted() {
+                        break;
+                    }
+                    patience = Patience::of(PATIENCE);
+                    continue;
+                };
                 silence = 0;
                 let ToHost::Response(response) = received else { continue };
                 if (response.session, response.id) != (self.session, id) {
@@ -389,6 +399,9 @@ impl RigClient {
                 }
                 unheard = false;
                 if response.outcome == Outcome::Running {
+                    if let Command::Expose { duration_us, .. } = command {
+                        quiet = Duration::from_micros(duration_us.into()) + PATIENCE;
+                    }
                     continue;
                 }
                 if self.steps.is_some() {

@@ -2,17 +2,19 @@
 //!
 //! Lengths in mm, angles in degrees, times in seconds, as the key names say.
 
-use lobelia_protocol::{AxisParameters, Configuration, DriverParameters, Settings};
+use lobelia_protocol::{Alarm, AxisParameters, Configuration, DriverParameters, Pin, Settings};
 use std::path::Path;
 
 use serde::{Deserialize, Serialize};
 
-use lobelia_base::toml_file;
+use lobelia_base::{progress, toml_file};
 
 pub mod check;
 mod homing;
+mod wiring;
 
 pub use homing::{End, Homing};
+pub use wiring::Wiring;
 
 /// The whole file.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
@@ -32,6 +34,8 @@ pub struct RigConfig {
     pub carrier: Carrier,
     /// How exposures are chosen.
     pub exposure: Exposure,
+    /// How pins are wired that are no axis's.
+    pub wiring: Wiring,
     /// What the simulated rig does that a real one does by itself.
     pub simulator: Simulator,
 }
@@ -96,6 +100,16 @@ pub struct Axis {
     pub settle_s: f64,
     /// Largest angular error of a position (table 3.1); the weight of the motors against the fiducials.
     pub repeatability_deg: f64,
+    /// Those of its pins that are wired the other way round than the controller's table of pins says: `step`, `direction`, `enable`, `home`
+    /// (its limit switch too), `alarm`.
+    #[serde(default)]
+    pub invert: Vec<Pin>,
+    /// What its alarm input, from the motor's driver, means: see [`Self::alarm`] for a file that leaves it out.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub alarm: Option<Alarm>,
+    /// The alarm counts once it has lasted for so long, µs; 0 takes the shortest pulse.
+    #[serde(default = "default_alarm_debounce")]
+    pub alarm_debounce_us: u16,
     /// How the axis is homed, where that is otherwise than usual.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub homing: Option<Homing>,
@@ -142,6 +156,10 @@ fn default_jerk() -> f64 {
     400.0
 }
 
+fn default_alarm_debounce() -> u16 {
+    50
+}
+
 fn default_switch() -> f64 {
     8.0
 }
@@ -162,6 +180,9 @@ impl Default for Axes {
             take_up_deg: 0.5,
             settle_s: 0.2,
             repeatability_deg,
+            invert: Vec::new(),
+            alarm: Some(Alarm::None),
+            alarm_debounce_us: default_alarm_debounce(),
             homing: None,
             driver: None,
         };
@@ -180,6 +201,9 @@ impl Default for Axes {
             take_up_deg: 0.2,
             settle_s: 0.3,
             repeatability_deg: 0.1411,
+            invert: Vec::new(),
+            alarm: Some(Alarm::None),
+            alarm_debounce_us: default_alarm_debounce(),
             homing: None,
             driver: None,
         };
@@ -263,6 +287,9 @@ impl Axis {
                     stall_above_speed: positive(driver.stall_above_deg_s)?,
                 }),
             },
+            inverted: self.invert.iter().copied().collect(),
+            alarm: self.alarm(),
+            alarm_debounce_us: self.alarm_debounce_us,
         })
     }
 }
@@ -596,6 +623,9 @@ impl RigConfig {
     pub fn read(path: &Path) -> lobelia_base::Result<Self> {
         let rig: Self = toml_file::read_as(path, toml_file::Kind::Rig)?;
         rig.validate().map_err(|error| error.at(path.display()))?;
+        if let Some(unsaid) = toml_file::read(path).ok().and_then(|file| wiring::unsaid(&file, &rig)) {
+            progress::note(&format!("{} does not say and so has: {unsaid}", path.display()));
+        }
         Ok(rig)
     }
 
@@ -669,6 +699,7 @@ impl RigConfig {
                 coordinated: self.motion.coordinated,
                 pulse_us: self.motion.pulse_us,
                 direction_setup_us: self.motion.direction_setup_us,
+                inverted: self.wiring.invert.iter().copied().collect(),
             },
         })
     }

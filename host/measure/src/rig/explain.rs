@@ -144,6 +144,10 @@ fn fault(fault: Fault, axis: Option<Axis>) -> String {
             "the motor driver of {of} has lost its settings or no longer answers: check its supply and the wire to it, then `lobelia rig clear`; \
              acquire --resume homes anew and says which poses were not checked for lost steps"
         ),
+        Fault::DriverAlarm => format!(
+            "the motor driver of {of} tells an alarm: look at its light or its data sheet for which, and at its supply; an input that is wired \
+             the other way round has \"alarm\" among `invert` of its axis"
+        ),
         Fault::LampTimeout => {
             "the lamp has burnt for longest_s of the rig's file and was put out; positions are kept".to_owned()
         }
@@ -173,6 +177,8 @@ fn name(field: Field) -> &'static str {
         Field::StepRate => "the sum of all axes' highest speeds",
         Field::Axes => "the choice of axes",
         Field::LampTime => "the lamp's longest time",
+        Field::Alarm => "the alarm input",
+        Field::Wiring => "the inverted pins",
     }
 }
 
@@ -203,6 +209,8 @@ fn range(field: Field) -> &'static str {
         }
         Field::Axes => "at least one has to be chosen",
         Field::LampTime => "it has to be at least 1 s",
+        Field::Alarm => "the board has no such input; say alarm = \"none\" for the axis",
+        Field::Wiring => "there are some that it does not have",
         Field::Duration => "it has to be within the controller's shortest and longest exposure",
     }
 }

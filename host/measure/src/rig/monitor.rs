@@ -135,6 +135,7 @@ mod tests {
             faults: Faults::NONE,
             emergency_stop: false,
             uptime_us: 1_500_000,
+            alarms: [false; 4],
         }
     }
 

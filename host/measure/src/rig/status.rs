@@ -37,6 +37,9 @@ fn axis_line(status: &Status, config: &RigConfig, axis: Axis) -> String {
     if status.at_switch[k] {
         line += ", on its home switch";
     }
+    if status.alarms[k] {
+        line += ", its driver tells an alarm";
+    }
     line
 }
 
@@ -113,13 +116,14 @@ mod tests {
             faults: Faults::NONE,
             emergency_stop: false,
             uptime_us: 3_723_400_000,
+            alarms: [true, false, false, false],
         }
     }
 
     #[test]
     fn a_status_is_told_in_degrees_with_what_each_axis_does() {
         let expected = "\
-pan            12.900°  homed
+pan            12.900°  homed, its driver tells an alarm
 tilt          -12.900°  homed, moving
 roll          unknown   not homed, on its home switch
 light          80.000°  homed

@@ -108,6 +108,9 @@ pub struct ExposureRecord {
     pub open_s: f64,
     /// The lamp's reference reading over that time.
     pub lamp_reading: f64,
+    /// How much the lamp flickered meanwhile: standard deviation of its readings over their mean.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub flicker: Option<f64>,
 }
 
 /// The journal, open for appending.
@@ -257,7 +260,12 @@ mod tests {
     use super::*;
 
     fn records() -> Vec<Record> {
-        let exposure = ExposureRecord { file: "frames/x.tiff".into(), open_s: 0.25, lamp_reading: 30000.0 };
+        let exposure = ExposureRecord {
+            file: "frames/x.tiff".into(),
+            open_s: 0.25,
+            lamp_reading: 30000.0,
+            flicker: Some(0.001),
+        };
         vec![
             Record::Homed { controller_us: 5 },
             Record::Dark { index: 0, exposure: exposure.clone(), controller_us: 7 },

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use std::time::Duration;
 
 use clap::Args;
-use lobelia_protocol::{Axis, AxisParameters, Configuration, DriverParameters, Settings};
+use lobelia_protocol::{Axis, AxisParameters, Configuration, DriverParameters, Pin, Pins, Settings};
 
 use super::{Connection, Session};
 use crate::cli::{Context, seconds_of};
@@ -185,6 +185,9 @@ pub(super) fn differences(ours: &Configuration, theirs: &Configuration) -> Vec<S
             format!("{:?}", ours.home_direction),
             format!("{:?}", theirs.home_direction),
         );
+        let alarm = |axis: &AxisParameters| format!("{:?}", axis.alarm);
+        compare(format!("{} alarm", axis.name()), "", alarm(ours), alarm(theirs));
+        compare(format!("{} inverted", axis.name()), "", pins(ours.inverted), pins(theirs.inverted));
     }
     for (ours, theirs) in settings(&ours.settings).into_iter().zip(settings(&theirs.settings)) {
         compare(ours.0.to_owned(), ours.1, ours.2, theirs.2);
@@ -192,11 +195,18 @@ pub(super) fn differences(ours: &Configuration, theirs: &Configuration) -> Vec<S
     lines
 }
 
+/// Names of pins.
+fn pins(pins: Pins) -> String {
+    let names: Vec<_> =
+        Pin::ALL.into_iter().filter(|&pin| pins.contains(pin)).map(|pin| format!("{pin:?}")).collect();
+    if names.is_empty() { "none".to_owned() } else { names.join(" ") }
+}
+
 /// A row: what it is, its unit, and the number of an axis.
 type Row = (&'static str, &'static str, fn(&AxisParameters) -> i64);
 
 /// What the controller is told of each axis.
-const ROWS: [Row; 17] = [
+const ROWS: [Row; 18] = [
     ("min", "steps", |axis| axis.min_steps.into()),
     ("max", "steps", |axis| axis.max_steps.into()),
     ("max_speed", "steps/s", |axis| axis.max_speed.into()),
@@ -214,6 +224,7 @@ const ROWS: [Row; 17] = [
     ("home_travel", "steps", |axis| axis.home_travel.into()),
     ("home_debounce", "µs", |axis| axis.home_debounce_us.into()),
     ("index_tolerance", "steps", |axis| axis.index_tolerance.into()),
+    ("alarm_debounce", "µs", |axis| axis.alarm_debounce_us.into()),
 ];
 
 /// A driver's parameter: its name, its unit and its value.
@@ -251,6 +262,10 @@ pub(super) fn table(config: &RigConfig) -> Result<String> {
             }
         }
     }
+    for axis in Axis::ALL {
+        let p = &configuration.axes[axis.index()];
+        text += &format!("\n{:<6}alarm {:?}, inverted {}", axis.name(), p.alarm, pins(p.inverted));
+    }
     for (name, unit, value) in settings(&configuration.settings) {
         text += &format!("\n{name:<19}{unit:<9}{value:>10}");
     }
@@ -258,7 +273,7 @@ pub(super) fn table(config: &RigConfig) -> Result<String> {
 }
 
 /// What the controller is told besides: name, unit and value.
-fn settings(settings: &Settings) -> [(&'static str, &'static str, String); 11] {
+fn settings(settings: &Settings) -> [(&'static str, &'static str, String); 12] {
     [
         ("lamp_warm_up", "s", settings.lamp_warm_up_s.to_string()),
         ("lamp_least_reading", "counts", settings.lamp_least_reading.to_string()),
@@ -271,5 +286,6 @@ fn settings(settings: &Settings) -> [(&'static str, &'static str, String); 11] {
         ("coordinated", "", settings.coordinated.to_string()),
         ("pulse", "µs", settings.pulse_us.to_string()),
         ("direction_setup", "µs", settings.direction_setup_us.to_string()),
+        ("inverted", "", pins(settings.inverted)),
     ]
 }

@@ -6,6 +6,7 @@ use lobelia_protocol::{Axis, Fault, schema};
 use proptest::prelude::*;
 
 use super::*;
+use crate::rig::testing::Bent;
 use lobelia_base::error::Kind;
 
 fn connected(config: &MechanicsConfig) -> (SimulatedRig, RigClient) {
@@ -64,6 +65,29 @@ fn dark_frame_needs_no_lamp() {
     let (rig, mut client) = homed();
     assert_eq!(client.expose(1000, false).unwrap().reference_q8, 0);
     assert_eq!(rig.last_exposure().unwrap().lamp_relative, 0.0);
+}
+
+#[test]
+fn exposure_is_asked_for_once_and_nothing_is_sent_while_the_shutter_is_open() {
+    let rig = SimulatedRig::new(&MechanicsConfig::ideal());
+    let sent = Arc::new(Mutex::new((0, Vec::new())));
+    let (counted, clock) = (Arc::clone(&sent), rig.clone());
+    let count = move |packet: &mut ToController| {
+        let (asked, times) = &mut *counted.lock().unwrap();
+        if let ToController::Request(request) = packet {
+            *asked += usize::from(matches!(request.command, Command::Expose { .. }));
+            times.push(clock.now_us());
+        }
+    };
+    let mut client = RigClient::connect(Box::new(Bent::new(rig.link(), count, |_| {}))).unwrap();
+    client.configure(&MechanicsConfig::ideal().configuration()).unwrap();
+    client.home().unwrap();
+    // Longer than the lease of 2 s.
+    let exposure = client.expose(5_000_000, false).unwrap();
+    let open = exposure.start_us..exposure.start_us + 5_000_000;
+    let (asked, times) = &*sent.lock().unwrap();
+    assert_eq!(*asked, 1);
+    assert!(times.iter().all(|time| !open.contains(time)));
 }
 
 #[test]

@@ -3,9 +3,9 @@
 
 use std::ops::RangeInclusive;
 
-use lobelia_protocol::EXPOSURE_US;
+use lobelia_protocol::{EXPOSURE_US, Pins};
 
-use super::{AXIS_NAMES, Axis, Driver, End, RigConfig};
+use super::{AXIS_NAMES, Axis, Driver, End, RigConfig, wiring};
 use lobelia_base::error::{Error, Result};
 
 /// Tags of the family 36h11 that are known: ids below this.
@@ -41,6 +41,7 @@ impl RigConfig {
                 return Err(refused(key, &why));
             }
         }
+        wiring::stranger(&self.wiring.invert, Pins::OF_RIG).map_err(|why| refused("wiring.invert", &why))?;
         self.check_camera()?;
         self.check_tags()
     }
@@ -205,6 +206,7 @@ fn check_axis(axis: &Axis) -> std::result::Result<(), (&'static str, String)> {
     for (key, value, range) in numbers {
         in_range(value, &range).map_err(|why| (key, why))?;
     }
+    wiring::stranger(&axis.invert, Pins::OF_AXIS).map_err(|why| ("invert", why))?;
     let homing = axis.homing.clone().unwrap_or_default();
     homing.check(axis.max_speed_deg_s)?;
     let fits = axis.stopping_speed_deg_s();

@@ -2,7 +2,7 @@
 
 use std::fmt;
 
-use lobelia_protocol::{AXES, Axis, Command, Configuration, Status};
+use lobelia_protocol::{AXES, Alarm, Axis, Command, Configuration, Status};
 
 use super::bench::{Bench, Result as Checked, Trouble, ensure};
 use crate::rig::port::Port;
@@ -122,16 +122,18 @@ fn walk(bench: &mut Bench, operator: &mut dyn Operator) -> Checked<()> {
     )?;
     bench.open()?;
     stop(bench, operator)?;
+    // Drivers that are set up over a wire do not answer without the motors' supply, and their alarms mean nothing.
+    let whole = bench.configuration;
+    for axis in &mut bench.configuration.axes {
+        (axis.driver, axis.alarm) = (None, Alarm::None);
+    }
+    bench.settle()?;
     for axis in Axis::ALL {
         let k = axis.index();
         let why = "the controller does not see the switch: look at its wire and the pull-up";
         seen(bench, operator, Act::UnplugSwitch(axis), |status| status.at_switch[k], why)?;
         seen(bench, operator, Act::PlugSwitch(axis), |status| !status.at_switch[k], why)?;
     }
-    // Drivers that are set up over a wire do not answer without the motors' supply.
-    let whole = bench.configuration;
-    bench.configuration.axes.iter_mut().for_each(|axis| axis.driver = None);
-    bench.settle()?;
     lamp(bench, operator)?;
     must(operator, Act::MotorsOn, "the motors stay without supply")?;
     bench.configuration = whole;

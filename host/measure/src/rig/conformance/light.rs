@@ -1,5 +1,7 @@
 //! Checks of lamp and shutter.
 
+use std::time::Duration;
+
 use lobelia_protocol::{Answer, Command, EXPOSURE_US, Exposure, Field, Outcome, Refusal};
 
 use super::Script;
@@ -9,11 +11,14 @@ use super::bench::{Bench, Result, Trouble, ensure, same};
 const OPEN_US: [u32; 3] = [1_000, 20_000, 250_000];
 /// The shutter may be open longer or shorter by this, µs.
 const TOLERANCE_US: u32 = 10;
+/// The lease in the check of a long exposure.
+const LEASE_MS: u32 = 1000;
 
 pub(super) const CHECKS: &[(&str, Script)] = &[
     ("a dark exposure lasts as long as it was asked to, within 10 µs", dark),
     ("exposures follow each other on the controller's clock", in_order),
     ("exposures too short or too long are refused", out_of_range),
+    ("an exposure longer than the lease goes on in silence", quiet),
     ("an exposure with the lamp off is refused", lamp_off),
     (STRIKES[0], lamp_cold),
     (STRIKES[1], lamp_level),
@@ -79,6 +84,22 @@ fn in_order(bench: &mut Bench) -> Result<()> {
         end_us = exposure.start_us + u64::from(exposure.open_us);
     }
     Ok(())
+}
+
+/// A host is quiet while the shutter is open, so as to disturb nothing.
+fn quiet(bench: &mut Bench) -> Result<()> {
+    bench.settle()?;
+    let mut short = bench.configuration;
+    short.settings.lease_ms = LEASE_MS;
+    bench.configure(&short)?;
+    bench.done(Command::Home)?;
+    let duration_us = 3000 * LEASE_MS;
+    let request = bench.begin(Command::Expose { duration_us, warm_lamp: false })?;
+    bench.pause(Duration::from_millis((3 * LEASE_MS + LEASE_MS / 2).into()))?;
+    let outcome = bench.outcome(&request)?;
+    let done = matches!(outcome, Outcome::Done(Answer::Exposed(_)));
+    ensure(done, || format!("3 leases of {LEASE_MS} ms in silence came to {outcome:?}"))?;
+    bench.settle().map(|_| ())
 }
 
 fn out_of_range(bench: &mut Bench) -> Result<()> {

@@ -10,6 +10,7 @@ mod light;
 mod link;
 mod motion;
 mod session;
+mod wiring;
 
 use lobelia_protocol::{Command, Configuration};
 
@@ -41,8 +42,8 @@ pub struct Check {
 type Script = fn(&mut Bench) -> std::result::Result<(), Trouble>;
 
 /// All checks in order.
-const SCRIPT: [&[(&str, Script)]; 5] =
-    [session::CHECKS, motion::CHECKS, light::CHECKS, link::CHECKS, endurance::CHECKS];
+const SCRIPT: [&[(&str, Script)]; 6] =
+    [session::CHECKS, wiring::CHECKS, motion::CHECKS, light::CHECKS, link::CHECKS, endurance::CHECKS];
 
 /// Number of checks.
 pub fn count() -> usize {
