@@ -19,7 +19,7 @@ use crate::board::{AxisPins, Board, Options, Peripherals, PinFailure, set};
 use crate::homing::{Homing, Purpose};
 use crate::lamp::Lamp;
 use crate::link::Link;
-use crate::motion::axis::AxisDrive;
+use crate::motion::axis::{AxisDrive, Changes};
 use crate::motion::parameters;
 use crate::motion::pulses::{Pulses, PulsesCell};
 use crate::safety::{EmergencyStop, Safety};
@@ -93,6 +93,7 @@ pub struct Controller<B: Board> {
     step_us: Option<u32>,
     /// While axes move: when [`Self::poll`] is due.
     poll_us: Option<u64>,
+    changes: Changes,
     options: Options<B>,
     lamp: Lamp<B::Output, B::LampLevel>,
     shutter: Shutter<B::Output>,
@@ -144,6 +145,7 @@ impl<B: Board> Controller<B> {
             now_us: 0,
             step_us: None,
             poll_us: None,
+            changes: Changes::default(),
             options,
             lamp: Lamp::new(lamp, lamp_level),
             shutter: Shutter::new(shutter),
@@ -369,10 +371,12 @@ impl<B: Board> Controller<B> {
             }
             Task::Move { .. } | Task::Turn { .. } | Task::Home(..) | Task::Stop => {}
         }
+        let pulses = &mut self.pulses;
+        self.changes.begin(self.axes.iter().any(|axis| axis.runs_out(pulses, now_us).is_some()));
         let mut resting = true;
         for axis in Axis::ALL {
-            self.advance_axis(now_us, axis, task).map_err(|fault| (fault, Some(axis)))?;
-            resting &= !self.axes[axis.index()].moving();
+            let waits = self.advance_axis(now_us, axis, task).map_err(|fault| (fault, Some(axis)))?;
+            resting &= !waits && !self.axes[axis.index()].moving();
         }
         if !resting {
             return Ok(None);

@@ -159,8 +159,8 @@ impl<B: Board> Controller<B> {
         Ok(Task::Turn { targets })
     }
 
-    /// Plans the axis's next steps, and minds what made it cease.
-    pub(super) fn advance_axis(&mut self, now_us: u64, axis: Axis, task: &mut Task) -> Result<(), Fault> {
+    /// Goes on with what the axis does, and minds what made it cease; tells whether it waits for another poll to change its plan.
+    pub(super) fn advance_axis(&mut self, now_us: u64, axis: Axis, task: &mut Task) -> Result<bool, Fault> {
         let drive = &mut self.axes[axis.index()];
         let pulses = &mut self.pulses;
         match pulses.with(|pulses| pulses.take_trip(axis.index())) {
@@ -176,18 +176,21 @@ impl<B: Board> Controller<B> {
             return Err(Fault::Stall);
         }
         let Some(parameters) = self.configuration.as_ref().map(|all| &all.axes[axis.index()]) else {
-            return Ok(());
+            return Ok(false);
         };
         if let Task::Home(.., searches) = task
             && let Some(search) = &mut searches[axis.index()]
         {
             search.watch(now_us, drive, pulses, parameters);
         }
-        drive.poll(pulses, now_us).map_err(|_| Fault::Hardware)?;
+        drive.poll(pulses, now_us, &mut self.changes).map_err(|_| Fault::Hardware)?;
         if let Task::Home(.., searches) = task
             && let Some(search) = &mut searches[axis.index()]
             && !drive.moving()
         {
+            if search.goes_on() && !self.changes.take() {
+                return Ok(true);
+            }
             let progress = search.rested(now_us, drive, pulses, parameters).map_err(|_| Fault::Hardware)?;
             match progress {
                 Progress::Failed => return Err(Fault::HomingFailed),
@@ -195,7 +198,7 @@ impl<B: Board> Controller<B> {
                 Progress::Seeking | Progress::Measured => {}
             }
         }
-        Ok(())
+        Ok(false)
     }
 
     /// Plans for the axis that would run out of steps first, one a poll: what that takes never adds up over all axes.

@@ -91,6 +91,11 @@ impl Homing {
         Ok(homing)
     }
 
+    /// Whether at rest it goes on with another run.
+    pub(crate) fn goes_on(&self) -> bool {
+        self.phase != Phase::Done && self.edge.is_some()
+    }
+
     /// Steps between the farthest edges of all approaches.
     pub(crate) fn spread(&self) -> u32 {
         self.edges.map_or(0, |(lowest, highest)| highest.abs_diff(lowest))

@@ -61,6 +61,31 @@ enum Guard {
     Forward(bool),
 }
 
+/// Whether plans may be changed in this poll: a run begun, cut short or turned into a braking one. That takes long on a small processor,
+/// so there is one change a poll, and none while an axis has to be handed steps.
+#[derive(Debug, Clone, Copy, Default)]
+pub(crate) struct Changes {
+    allowed: bool,
+    /// How often one was refused since the last was made.
+    refused: u8,
+}
+
+impl Changes {
+    /// After so many refusals a change is made whatever waits: where planning never catches up, steps come late anyway.
+    const PATIENCE: u8 = 64;
+
+    /// At a poll's beginning: whether an axis `needs` steps.
+    pub(crate) fn begin(&mut self, needs: bool) {
+        self.allowed = !needs || self.refused >= Self::PATIENCE;
+    }
+
+    /// Whether a change may be made, which it then has to be.
+    pub(crate) fn take(&mut self) -> bool {
+        self.refused = if self.allowed { 0 } else { self.refused.saturating_add(1) };
+        core::mem::take(&mut self.allowed)
+    }
+}
+
 /// An axis's direction and enable pins, and its plan. Its steps are those of number `axis` of the [`Pulses`].
 pub(crate) struct AxisDrive<B: Board> {
     axis: usize,
@@ -75,6 +100,8 @@ pub(crate) struct AxisDrive<B: Board> {
     approach: Option<(i32, Times)>,
     /// Where to go on to, in the same direction, after braking short of it.
     onward: Option<i32>,
+    /// Whether the run has yet to be changed into a braking one.
+    to_brake: bool,
     limits: Limits,
     guard: Guard,
     debounce_us: u16,
@@ -99,6 +126,7 @@ impl<B: Board> AxisDrive<B> {
             seen_at: 0,
             approach: None,
             onward: None,
+            to_brake: false,
             limits: Limits::default(),
             guard: Guard::None,
             debounce_us: 0,
@@ -272,18 +300,18 @@ impl<B: Board> AxisDrive<B> {
             i64::from(target) - i64::from(pulses.with(|pulses| pulses.trains.planned_position(self.axis)));
         let now = self.on_time(now_us);
         if !self.stepper.redirect(now, if forward { ahead } else { -ahead }) {
-            self.stepper.brake();
+            self.to_brake = true;
             self.onward = Some(target);
         }
     }
 
-    /// Comes to rest by the ramp and forgets the rest of the move.
+    /// Comes to rest by the ramp, from the next change of plan on, and forgets the rest of the move.
     pub(crate) fn stop(&mut self) {
         self.approach = None;
         self.onward = None;
         self.ends_taken_up = false;
         self.renamed = None;
-        self.stepper.brake();
+        self.to_brake = self.stepper.running();
     }
 
     /// Ceases at once and forgets the position; with `release` the motor no longer holds.
@@ -291,6 +319,7 @@ impl<B: Board> AxisDrive<B> {
         self.stepper.halt();
         self.approach = None;
         self.onward = None;
+        self.to_brake = false;
         self.renamed = None;
         self.taken_up = false;
         self.ends_taken_up = false;
@@ -316,19 +345,27 @@ impl<B: Board> AxisDrive<B> {
         self.taken_up = false;
     }
 
-    /// Goes on to what follows the run when it has ended.
-    pub(crate) fn poll(&mut self, pulses: &mut B::Pulses, now_us: u64) -> Result<(), PinFailure> {
+    /// Brakes where that was asked for, and goes on to what follows the run when it has ended, if the plan may be `changed`.
+    pub(crate) fn poll(
+        &mut self,
+        pulses: &mut B::Pulses,
+        now_us: u64,
+        changes: &mut Changes,
+    ) -> Result<(), PinFailure> {
         if !self.stepper.running() {
+            self.to_brake = false;
             return Ok(());
         }
         self.late +=
             u64::from(pulses.with(|pulses| pulses.trains.late(self.axis)).wrapping_sub(self.late as u32));
-        let ended = self.stepper.end().is_some_and(|end| self.on_time(now_us) >= end);
-        if ended && pulses.with(|pulses| pulses.trains.resting(self.axis)) {
-            self.end_run(pulses, now_us)
-        } else {
-            Ok(())
+        if self.to_brake && changes.take() {
+            self.to_brake = false;
+            self.stepper.brake();
         }
+        let ended = self.stepper.end().is_some_and(|end| self.on_time(now_us) >= end);
+        let ended = ended && pulses.with(|pulses| pulses.trains.resting(self.axis));
+        let goes_on = self.approach.is_some() || self.onward.is_some();
+        if ended && (!goes_on || changes.take()) { self.end_run(pulses, now_us) } else { Ok(()) }
     }
 
     /// The time in ticks at which the plan would be if no step had been late.
@@ -351,6 +388,7 @@ impl<B: Board> AxisDrive<B> {
     /// At the end of a run: begins the approach, or notes that the move is done.
     fn end_run(&mut self, pulses: &mut B::Pulses, now_us: u64) -> Result<(), PinFailure> {
         self.stepper.halt();
+        self.to_brake = false;
         let position = pulses.with(|pulses| pulses.trains.position(self.axis));
         if let Some(target) = self.onward.take()
             && target != position

@@ -106,8 +106,6 @@ pub fn options() -> Options<Lm3s6965> {
         watchdog: watchdog.map(|watchdog| watchdog as _),
         crash: kept::take_crash().or(reset),
         most_steps_per_s: Some(MOST_STEPS_PER_S),
-        #[cfg(feature = "qemu")]
-        bearable_late_us: 1_000_000,
         ..Options::default()
     }
 }

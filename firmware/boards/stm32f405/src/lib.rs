@@ -30,9 +30,9 @@ use stm32f4xx_hal::gpio::{AnyPin, Edge, Input, Output, Pin, Pull, PushPull};
 use stm32f4xx_hal::prelude::*;
 use stm32f4xx_hal::{pac, rcc, serial};
 
-pub use interrupt::{
-    CLOCK_RELOAD, now_us, rest_until, send_directly, serve_steps, start_interrupts, wake_steps,
-};
+#[cfg(feature = "qemu")]
+pub use interrupt::{COUNTER_RELOAD, count_far};
+pub use interrupt::{now_us, rest_until, send_directly, serve_steps, start_interrupts, wake_steps};
 pub use pins::{InputLine, OutputLine, StepPort, after_poll};
 
 /// The board's types.
@@ -172,8 +172,6 @@ pub fn set_up() -> Option<(Peripherals<Stm32f405>, Options<Stm32f405>)> {
         emergency_stop: Some(&pins::EMERGENCY_STOP),
         crash: kept::take_crash().or(reset),
         most_steps_per_s: Some(MOST_STEPS_PER_S),
-        #[cfg(feature = "qemu")]
-        bearable_late_us: 1_000_000,
         #[cfg(not(feature = "qemu"))]
         drivers: cortex_m::singleton!(: drivers::DriverWire = wire).map(|wire| wire as _),
         #[cfg(not(feature = "qemu"))]
