@@ -5,14 +5,15 @@ mod lease;
 mod light;
 mod moves;
 mod requests;
+mod safe;
 mod watch;
 
 use core::array;
 
 use heapless::Deque;
 use lobelia_protocol::{
-    AXES, Answer, Axis, AxisParameters, Configuration, Event, Fault, FaultReport, Outcome, Refusal, Request,
-    Status, ToController,
+    AXES, Answer, Axis, AxisParameters, Configuration, Event, Fault, FaultReport, KEEP_OUTS, KeepOut,
+    Outcome, Refusal, Request, Status, ToController,
 };
 
 use crate::board::{AxisPins, Board, Options, Peripherals, PinFailure, set};
@@ -20,6 +21,7 @@ use crate::homing::{Homing, Purpose};
 use crate::lamp::Lamp;
 use crate::link::Link;
 use crate::motion::axis::{AxisDrive, Changes};
+use crate::motion::keep_out::Sweep;
 use crate::motion::parameters;
 use crate::motion::pulses::{Pulses, PulsesCell};
 use crate::safety::{EmergencyStop, Safety};
@@ -106,8 +108,16 @@ pub struct Controller<B: Board> {
     waiting: Deque<Request, WAITING>,
     /// The last request that was refused, 0 for none in this session.
     refused: u32,
-    /// Axis parameters for the next configuration.
+    /// Axis parameters, and keep-outs, for the next configuration.
     prepared: [Option<AxisParameters>; AXES],
+    prepared_keep_outs: Option<[Option<KeepOut>; KEEP_OUTS]>,
+    /// The positions that the present move passes.
+    swept: [Sweep; AXES],
+    /// What the parameters were saved as, until that is told, if by an older program.
+    migrated: Option<u32>,
+    /// Whether axes moved when the controller was last polled, and how long the longest of such polls took, µs.
+    moved: bool,
+    longest_poll_us: u32,
     watch: Watch,
     /// What the fan and the heartbeat were told last.
     fan_runs: bool,
@@ -125,7 +135,8 @@ impl<B: Board> Controller<B> {
     /// The same, on a board that has more than it needs.
     pub fn with_options(peripherals: Peripherals<B>, options: Options<B>) -> Self {
         let mut options = options;
-        let stored = options.storage.as_mut().and_then(|storage| storage::load(&mut **storage));
+        let stored = options.storage.as_mut().and_then(|storage| storage::load_any(&mut **storage));
+        let (stored, migrated) = stored.map_or((None, None), |(stored, from)| (Some(stored), from));
         let most = options.most_steps_per_s;
         let configuration = stored.filter(|stored| parameters::validate(stored, most).is_ok());
         let Peripherals { axes, steps, shutter, lamp, lamp_level, photodiode, emergency_stop, link } =
@@ -157,6 +168,11 @@ impl<B: Board> Controller<B> {
             waiting: Deque::new(),
             refused: 0,
             prepared: [None; AXES],
+            prepared_keep_outs: None,
+            swept: [[0; 2]; AXES],
+            migrated: migrated.filter(|_| configuration.is_some()),
+            moved: false,
+            longest_poll_us: 0,
             watch: Watch::default(),
             fan_runs: false,
             beat: false,
@@ -225,6 +241,7 @@ impl<B: Board> Controller<B> {
     pub fn poll(&mut self, now_us: u64) {
         let in_time = now_us.saturating_sub(self.next_poll_us()) <= LATE_US;
         self.now_us = now_us;
+        self.moved = self.axes.iter().any(AxisDrive::moving);
         if self.options.emergency_stop.is_some_and(EmergencyStop::take) {
             self.raise(now_us, Fault::EmergencyStop, None);
         }
@@ -252,8 +269,14 @@ impl<B: Board> Controller<B> {
                     {
                         self.link.events.alarm(Event::Crashed(crash));
                     }
+                    if self.link.is_open()
+                        && let Some(from) = self.migrated.take()
+                    {
+                        self.link.events.alarm(Event::Migrated { from });
+                    }
                 }
                 ToController::Request(request) => self.receive(now_us, &request),
+                ToController::Safe(command) => self.make_safe(now_us, command),
             }
         }
         self.take_turns(now_us);
@@ -267,6 +290,14 @@ impl<B: Board> Controller<B> {
         self.link.flush();
         self.step_us = self.pulses.with(|pulses| pulses.next_us());
         self.poll_us = self.motion_us(now_us);
+    }
+
+    /// To be told when the loop that polls has done all that it does once, by the clock of the polls: how long that took is told to the host.
+    pub fn polled(&mut self, now_us: u64) {
+        if self.moved {
+            let took = now_us.saturating_sub(self.now_us).min(u32::MAX.into()) as u32;
+            self.longest_poll_us = self.longest_poll_us.max(took);
+        }
     }
 
     /// Feeds what takes the controller for dead otherwise: the watchdog, and what holds the lamp's supply.
@@ -286,6 +317,7 @@ impl<B: Board> Controller<B> {
         self.waiting.clear();
         self.refused = 0;
         self.prepared = [None; AXES];
+        self.prepared_keep_outs = None;
         self.watch = Watch::default();
         if self.running.is_some() {
             let _ = self.stop();

@@ -19,6 +19,7 @@ mod shutter;
 pub mod storage;
 
 pub use board::{
-    AnalogInput, AxisPins, Board, ByteLink, Options, Peripherals, Pulses, PulsesCell, StepPins, Watchdog,
+    AnalogInput, AxisPins, Board, ByteLink, Options, Peripherals, Pulses, PulsesCell, StepPins, Vitals,
+    Watchdog,
 };
 pub use controller::Controller;

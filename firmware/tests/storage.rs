@@ -6,8 +6,11 @@ mod bench;
 use std::sync::{Arc, Mutex};
 
 use bench::{Rig, SESSION, configuration};
-use lobelia_firmware::storage::{SLOT_BYTES, Storage, load, save};
-use lobelia_protocol::{Command, Configuration, Hello, Outcome, Refusal, Settings, ToController};
+use lobelia_firmware::storage::{SLOT_BYTES, Storage, load, load_any, save};
+use lobelia_protocol::{
+    Answer, Axis, Command, Configuration, DriverParameters, Event, Hello, Outcome, Refusal, Settings,
+    ToController, ToHost,
+};
 
 /// Flash that loses its power after so many bytes erased or written.
 struct Flash {
@@ -104,6 +107,57 @@ fn any_byte_that_rots_in_the_newer_slot_gives_the_older_parameters() {
         }
     }
     assert!(found_old > 100);
+}
+
+/// A slot as the program of schema version 4 wrote it. These bytes may never change: they are in controllers.
+const OF_VERSION_4: &str = "\
+    8b01244f000000009000870e904ed00fa01f80f10400281400cf0fe807323cf40300a01fd00f0200870e904ee807a09c0180\
+    b51800281400cf0ff403323cf40300a01fd00f0201a006ac026e10c8a01f870e904eac0264d00f00281400cf0f9601323cf4\
+    03c8a01fd00f0200870e904ea09c01d08603c0843d00281400cf0f904e323cf40300a01fd00f02000aac0200000080c60a00\
+    320102052929e632";
+
+fn of_version_4() -> Flash {
+    let mut flash = Flash::new();
+    for (byte, hex) in flash.slots[0].iter_mut().zip(OF_VERSION_4.as_bytes().chunks(2)) {
+        *byte = u8::from_str_radix(std::str::from_utf8(hex).unwrap(), 16).unwrap();
+    }
+    flash
+}
+
+#[test]
+fn parameters_saved_by_an_older_program_are_read_with_defaults_for_what_is_new_and_that_is_told_once() {
+    let mut expected = configuration();
+    expected.axes[1].driver = Some(DriverParameters {
+        run_ma: 800,
+        hold_ma: 300,
+        sense_mohm: 110,
+        microsteps: 16,
+        stall_threshold: 200,
+        stall_above_speed: 4000,
+    });
+    expected.axes[2].home_order = 200;
+    assert!(expected.axes.iter().all(|axis| axis.most_turns == 1) && expected.keep_outs == [None; 4]);
+    let mut flash = of_version_4();
+    assert_eq!(load_any(&mut flash), Some((expected, Some(0x4f24_018b))));
+    for cut in 0..OF_VERSION_4.len() / 2 {
+        let mut damaged = of_version_4();
+        damaged.slots[0][cut] ^= 1;
+        assert_eq!(load_any(&mut damaged), None, "byte {cut}");
+    }
+
+    let flash = Arc::new(Mutex::new(flash));
+    let mut rig = Rig::with_storage(Box::leak(Box::new(Shared(Arc::clone(&flash)))));
+    let told = |rig: &mut Rig| {
+        rig.send(&ToController::Hello(Hello::new(SESSION)));
+        let events = rig.received();
+        events.iter().any(|event| *event == ToHost::Event(Event::Migrated { from: 0x4f24_018b }))
+    };
+    assert!(told(&mut rig));
+    assert!(!told(&mut rig));
+    assert_eq!(rig.ask(Command::ReadAxis(Axis::Roll)), Outcome::Done(Answer::Axis(expected.axes[2])));
+    // Saved anew they are of this program.
+    assert!(save(&mut *flash.lock().unwrap(), &expected));
+    assert_eq!(load_any(&mut *flash.lock().unwrap()), Some((expected, None)));
 }
 
 #[test]

@@ -1,6 +1,6 @@
 //! What the simulated mechanics and lamp are like. The defaults are those of the source's rig (its Table 3.1).
 
-use lobelia_protocol::{AxisParameters, Configuration, HomeDirection, Settings};
+use lobelia_protocol::{AxisParameters, Configuration, HomeDirection, KEEP_OUTS, Settings};
 use serde::{Deserialize, Deserializer, Serialize};
 
 /// The simulated rig's mechanics and lamp.
@@ -131,6 +131,7 @@ impl MechanicsConfig {
                 pulse_us: 3,
                 direction_setup_us: 6,
             },
+            keep_outs: [None; KEEP_OUTS],
         }
     }
 }
@@ -221,6 +222,7 @@ impl AxisMechanics {
             home_debounce_us: 3000,
             index_tolerance: 4,
             driver: None,
+            most_turns: 1,
         }
     }
 }

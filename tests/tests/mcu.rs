@@ -47,6 +47,7 @@ fn configuration() -> Configuration {
         home_debounce_us: 1000,
         index_tolerance: 4,
         driver: None,
+        most_turns: 1,
     });
     // Without leases: emulated time runs as fast as it can, whatever the host does meanwhile.
     Configuration {
@@ -64,6 +65,7 @@ fn configuration() -> Configuration {
             pulse_us: 2,
             direction_setup_us: 5,
         },
+        keep_outs: [None; 4],
     }
 }
 

@@ -9,6 +9,7 @@ use super::{Controller, Running, Task, Trouble};
 use crate::board::{Board, PinFailure, is_high};
 use crate::homing::{Homing, Progress, Purpose};
 use crate::motion::axis::{AxisDrive, Plan};
+use crate::motion::keep_out::{self, Sweep};
 use crate::motion::pulses::{PulsesCell, Trip};
 
 /// How often a homing may approach its switch.
@@ -29,6 +30,10 @@ impl<B: Board> Controller<B> {
             && !APPROACHES.contains(&approaches)
         {
             return Err(Refusal::BadParameter { axis: None, field: Field::Approaches }.into());
+        }
+        if let Purpose::Home { .. } = purpose {
+            let known = self.axes.each_ref().map(|axis| axis.known);
+            keep_out::check_homing(configuration, axes, known, self.positions())?;
         }
         let mut searches = [const { None }; AXES];
         self.home_next(now_us, configuration, purpose, axes, &mut searches)?;
@@ -104,7 +109,22 @@ impl<B: Board> Controller<B> {
     ) -> Result<Task, Trouble> {
         self.check_positions()?;
         check_limits(configuration, targets)?;
+        let positions = self.positions();
+        let plans = self.plans(configuration, positions, targets);
+        let sweeps = array::from_fn(|k| plans[k].sweep(positions[k]));
+        keep_out::check(&configuration.keep_outs, &sweeps)?;
+        self.swept = sweeps;
         self.start_move(now_us, configuration, targets).map_err(Trouble::from)
+    }
+
+    /// The way of each axis.
+    fn plans(
+        &self,
+        configuration: &Configuration,
+        positions: [i32; AXES],
+        targets: [i32; AXES],
+    ) -> [Plan; AXES] {
+        array::from_fn(|k| self.axes[k].plan(positions[k], targets[k], &configuration.axes[k]))
     }
 
     /// Starts a move of all axes from rest.
@@ -115,8 +135,7 @@ impl<B: Board> Controller<B> {
         targets: [i32; AXES],
     ) -> Result<Task, PinFailure> {
         let positions = self.positions();
-        let mut plans: [Plan; AXES] =
-            array::from_fn(|k| self.axes[k].plan(positions[k], targets[k], &configuration.axes[k]));
+        let mut plans = self.plans(configuration, positions, targets);
         if configuration.settings.coordinated {
             let slowest = plans.iter().map(Plan::total).max().unwrap_or(0);
             plans = plans.map(|plan| plan.stretched(slowest));
@@ -146,6 +165,13 @@ impl<B: Board> Controller<B> {
         };
         self.check_positions()?;
         check_limits(configuration, targets)?;
+        // Braking leads nowhere where the move would not have come, nor does what follows beyond the take-up below its target.
+        let sweeps: [Sweep; AXES] = array::from_fn(|k| {
+            let below = targets[k].saturating_sub_unsigned(configuration.axes[k].take_up_steps);
+            keep_out::hull(self.swept[k], [below, targets[k]])
+        });
+        keep_out::check(&configuration.keep_outs, &sweeps)?;
+        self.swept = sweeps;
         if let Some(Running { request: Some(id), .. }) = self.running.take() {
             self.link.answer(id, Outcome::Refused(Refusal::Stopped));
         }

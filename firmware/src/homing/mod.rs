@@ -79,7 +79,7 @@ impl Homing {
     ) -> Result<Self, PinFailure> {
         let approaches_left = match purpose {
             Purpose::Home { approaches } => {
-                axis.forget(pulses);
+                axis.forget(pulses, p);
                 approaches
             }
             Purpose::Check => 1,

@@ -7,6 +7,7 @@ use lobelia_protocol::{AxisParameters, HomeDirection};
 
 use crate::board::{Board, PinFailure, set};
 use crate::motion::fixed::TICK_SHIFT;
+use crate::motion::keep_out::{Sweep, hull};
 use crate::motion::profile::{Limits, Times};
 use crate::motion::pulses::{PulsesCell, Watch};
 use crate::motion::stepper::Stepper;
@@ -33,6 +34,13 @@ impl Plan {
     /// How long it takes, in ticks; 0 when there is nothing to move.
     pub(crate) fn total(&self) -> u64 {
         self.first.1.total() + self.approach.map_or(0, |(_, times)| times.total())
+    }
+
+    /// The positions that it passes from one on.
+    pub(crate) fn sweep(&self, position: i32) -> Sweep {
+        let to = |target: i32| [position.min(target), position.max(target)];
+        let first = to(self.first.0);
+        self.approach.map_or(first, |(target, _)| hull(first, to(target)))
     }
 
     /// The same move in `total` ticks, not fewer than it takes.
@@ -107,6 +115,11 @@ pub(crate) struct AxisDrive<B: Board> {
     debounce_us: u16,
     /// What the present position is called once the move has ended: a turn more or less on a full-turn axis.
     renamed: Option<i32>,
+    /// Steps of a full turn, and whole turns that the axis is wound up by more than its position says.
+    full_turn: u32,
+    turns: i32,
+    /// While it is homed anew: how far it was wound up when its position was forgotten, in steps.
+    wound: Option<i64>,
     /// Whether the last motion ended upward with the play taken up.
     taken_up: bool,
     /// Whether the present one will.
@@ -131,6 +144,9 @@ impl<B: Board> AxisDrive<B> {
             guard: Guard::None,
             debounce_us: 0,
             renamed: None,
+            full_turn: 0,
+            turns: 0,
+            wound: None,
             taken_up: false,
             ends_taken_up: false,
             known: false,
@@ -178,9 +194,9 @@ impl<B: Board> AxisDrive<B> {
         core::mem::replace(&mut self.seen_at, position) != position
     }
 
-    /// Plans a move from rest. On a full-turn axis it goes the shorter way.
+    /// Plans a move from rest. On a full-turn axis it goes the shorter way that its cables bear.
     pub(crate) fn plan(&self, position: i32, target: i32, p: &AxisParameters) -> Plan {
-        let target = nearest_turn(position, target, p.full_turn_steps);
+        let target = self.nearest_turn(position, target, p);
         let below = target.saturating_sub_unsigned(p.take_up_steps);
         let limits = limits(p);
         let times = |from: i32, to: i32| Times::shortest(to.abs_diff(from), limits);
@@ -207,6 +223,7 @@ impl<B: Board> AxisDrive<B> {
         self.ends_taken_up = true;
         self.approach = plan.approach;
         self.limits = plan.limits;
+        self.full_turn = p.full_turn_steps;
         self.renamed = Some(target);
         // An axis that turns round and round passes its index.
         self.guard = match (p.full_turn_steps, p.home_direction) {
@@ -227,7 +244,7 @@ impl<B: Board> AxisDrive<B> {
         p: &AxisParameters,
     ) -> bool {
         let position = pulses.with(|pulses| pulses.trains.planned_position(self.axis));
-        let turned = nearest_turn(position, target, p.full_turn_steps);
+        let turned = self.nearest_turn(position, target, p);
         // Only on a single upward run: then the play is taken up at the new target as it would be at the old one.
         let upward = self.stepper.forward() && self.approach.is_none() && self.ends_taken_up;
         let room = turned.saturating_sub_unsigned(p.take_up_steps) >= position;
@@ -330,17 +347,34 @@ impl<B: Board> AxisDrive<B> {
 
     /// Takes the present position for `position`, reached upward with the play taken up.
     pub(crate) fn homed(&mut self, pulses: &mut B::Pulses, position: i32) {
-        pulses.with(|pulses| {
+        let gone = pulses.with(|pulses| {
+            let gone = pulses.trains.position(self.axis);
             pulses.trains.set_position(self.axis, position);
             pulses.look_away(self.axis);
+            gone
         });
+        if let Some(wound) = self.wound.take() {
+            self.turns = whole_turns(wound + i64::from(gone) - i64::from(position), self.full_turn);
+        }
         self.known = true;
         self.taken_up = true;
     }
 
-    /// Forgets the position, to count from 0.
-    pub(crate) fn forget(&mut self, pulses: &mut B::Pulses) {
-        pulses.with(|pulses| pulses.trains.set_position(self.axis, 0));
+    /// Forgets the position, to count from 0; not how far it is wound up, unless a turn now has another number of steps.
+    pub(crate) fn forget(&mut self, pulses: &mut B::Pulses, p: &AxisParameters) {
+        let position = pulses.with(|pulses| {
+            let position = pulses.trains.position(self.axis);
+            pulses.trains.set_position(self.axis, 0);
+            position
+        });
+        let same = self.full_turn != 0 && self.full_turn == p.full_turn_steps;
+        let turns = i64::from(self.turns) * i64::from(self.full_turn);
+        // Forgotten again before it was homed: it went on from there.
+        self.wound = same.then(|| self.wound.unwrap_or(turns) + i64::from(position));
+        if !same {
+            self.turns = 0;
+        }
+        self.full_turn = p.full_turn_steps;
         self.known = false;
         self.taken_up = false;
     }
@@ -405,19 +439,35 @@ impl<B: Board> AxisDrive<B> {
         }
         self.taken_up = self.ends_taken_up;
         if let Some(name) = self.renamed.take() {
+            self.turns += whole_turns(i64::from(position) - i64::from(name), self.full_turn);
             pulses.with(|pulses| pulses.trains.set_position(self.axis, name));
         }
         Ok(())
     }
+
+    /// Of all positions that stand for the target's angle and that the cables bear, the one nearest to `position`.
+    fn nearest_turn(&self, position: i32, target: i32, p: &AxisParameters) -> i32 {
+        if p.full_turn_steps == 0 {
+            return target;
+        }
+        let turn = i64::from(p.full_turn_steps);
+        let wound = i64::from(self.turns) * turn;
+        let [position, target] = [position, target].map(i64::from);
+        let ahead = (target - position).rem_euclid(turn);
+        let nearest = position + if 2 * ahead > turn { ahead - turn } else { ahead };
+        // As positions count now, without what it is wound up by.
+        let slack = i64::from(p.most_turns) * turn;
+        let lowest = i64::from(p.min_steps) - slack - wound;
+        let highest = i64::from(p.max_steps) + slack - wound;
+        let too_high = (nearest - highest).max(0);
+        let too_low = (lowest - nearest).max(0);
+        let back = |steps: i64| (steps + turn - 1) / turn * turn;
+        (nearest - back(too_high) + back(too_low)) as i32
+    }
 }
 
-/// Of all positions that stand for the target's angle, the one nearest to `position`.
-fn nearest_turn(position: i32, target: i32, full_turn: u32) -> i32 {
-    if full_turn == 0 {
-        return target;
-    }
+/// A number of steps in whole turns, rounded to the nearest.
+fn whole_turns(steps: i64, full_turn: u32) -> i32 {
     let turn = i64::from(full_turn);
-    let ahead = (i64::from(target) - i64::from(position)).rem_euclid(turn);
-    let way = if 2 * ahead > turn { ahead - turn } else { ahead };
-    (i64::from(position) + way) as i32
+    if turn == 0 { 0 } else { (2 * steps + turn).div_euclid(2 * turn) as i32 }
 }

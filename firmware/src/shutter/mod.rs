@@ -73,6 +73,11 @@ impl<P: OutputPin> Shutter<P> {
         Self { pin, exposure: None }
     }
 
+    /// Whether it is open.
+    pub(crate) fn is_open(&self) -> bool {
+        self.exposure.is_some()
+    }
+
     /// Opens it for `duration_us`.
     pub(crate) fn open(&mut self, now_us: u64, duration_us: u32) -> Result<(), PinFailure> {
         let planned = duration_us.div_ceil(READING_EVERY_US).max(LEAST_READINGS);

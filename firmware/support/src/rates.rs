@@ -155,6 +155,7 @@ fn configuration() -> Configuration {
         home_debounce_us: 0,
         index_tolerance: 4,
         driver: None,
+        most_turns: 1,
     });
     Configuration {
         axes,
@@ -171,6 +172,7 @@ fn configuration() -> Configuration {
             pulse_us: 2,
             direction_setup_us: 5,
         },
+        keep_outs: [None; 4],
     }
 }
 

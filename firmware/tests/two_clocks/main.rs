@@ -32,6 +32,7 @@ fn configuration(max_speed: u32, acceleration: u32, jerk: u32) -> Configuration 
         home_debounce_us: 3000,
         index_tolerance: 4,
         driver: None,
+        most_turns: 1,
     };
     let settings = Settings {
         lamp_warm_up_s: 10,
@@ -46,7 +47,7 @@ fn configuration(max_speed: u32, acceleration: u32, jerk: u32) -> Configuration 
         pulse_us: 3,
         direction_setup_us: 6,
     };
-    Configuration { axes: [axis; 4], settings }
+    Configuration { axes: [axis; 4], settings, keep_outs: [None; 4] }
 }
 
 /// Where a motor is when its axis is at a position.
