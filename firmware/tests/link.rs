@@ -434,13 +434,13 @@ fn host_of_another_version_may_always_stop_darken_and_ask() {
 
 #[test]
 fn exposure_in_the_dark_of_another_host_is_given_up_and_no_lease_is_renewed() {
-    let mut rig = Rig::greeted(leased(0));
-    assert!(matches!(rig.ask(Command::Home), Outcome::Done(_)));
+    let mut rig = Rig::homed();
     let id = rig.begin(Command::Expose { duration_us: 50_000, warm_lamp: false });
     (0..5).for_each(|_| assert!(rig.pass_event()));
     assert!(safe(&mut rig, SafeCommand::Ask).shutter);
     assert!(!safe(&mut rig, SafeCommand::Darken).shutter);
     assert_eq!(rig.outcome(id), Outcome::Refused(Refusal::Stopped));
+    let mut rig = Rig::greeted(leased(0));
     assert!(matches!(rig.ask(Command::Lamp { on: true, level: u16::MAX }), Outcome::Done(_)));
     let lit_us = rig.bench.borrow().now_us;
     while rig.bench.borrow().lamp {
