@@ -18,8 +18,8 @@ enum Field {
     Number,
     /// A byte.
     Byte,
-    /// A byte that tells whether there are the fields that follow.
-    Optional(&'static [Self]),
+    /// A byte that tells whether a driver follows, whose fields [`DRIVER`] are.
+    Driver,
 }
 
 /// How the parts of a configuration were written.
@@ -30,9 +30,10 @@ pub(super) struct Layout {
     settings: &'static [Field],
 }
 
-use Field::{Byte, Number, Optional};
+use Field::{Byte, Driver, Number};
 
-const DRIVER: &[Field] = &[Number, Number, Number, Number, Byte, Number];
+/// Of a driver's fields, whether each is a byte; else it is a number.
+const DRIVER: [bool; 6] = [false, false, false, false, true, false];
 
 /// Layouts of earlier programs. None of these may ever change.
 pub(super) const OLDER: [Layout; 1] = [
@@ -40,25 +41,8 @@ pub(super) const OLDER: [Layout; 1] = [
     Layout {
         identity: 0x4f24_018b,
         axis: &[
-            Number,
-            Number,
-            Number,
-            Number,
-            Number,
-            Number,
-            Number,
-            Number,
-            Number,
-            Number,
-            Number,
-            Number,
-            Number,
-            Number,
-            Byte,
-            Number,
-            Number,
-            Number,
-            Optional(DRIVER),
+            Number, Number, Number, Number, Number, Number, Number, Number, Number, Number, Number, Number,
+            Number, Number, Byte, Number, Number, Number, Driver,
         ],
         settings: &[Number, Number, Number, Number, Number, Number, Number, Number, Number, Byte, Byte],
     },
@@ -109,12 +93,15 @@ fn settings_defaults() -> Settings {
 
 /// How many bytes some fields take at the beginning of others.
 fn length(bytes: &[u8], fields: &[Field]) -> Option<usize> {
+    let number = |at: usize| Some(at + 1 + bytes.get(at..)?.iter().position(|byte| byte & 0x80 == 0)?);
     fields.iter().try_fold(0, |at, field| {
         Some(match field {
-            Number => at + 1 + bytes.get(at..)?.iter().position(|byte| byte & 0x80 == 0)?,
+            Number => number(at)?,
             Byte => at + 1,
-            Optional(_) if *bytes.get(at)? == 0 => at + 1,
-            Optional(fields) => at + 1 + length(bytes.get(at + 1..)?, fields)?,
+            Driver if *bytes.get(at)? == 0 => at + 1,
+            Driver => {
+                DRIVER.iter().try_fold(at + 1, |at, &byte| if byte { Some(at + 1) } else { number(at) })?
+            }
         })
     })
 }
@@ -133,7 +120,8 @@ fn completed(
     Some((old, old + new.len()))
 }
 
-/// Reads a configuration that was written in an older layout.
+/// Reads a configuration that was written in an older layout. Not inlined: its parts would take stack where others are read too.
+#[inline(never)]
 pub(super) fn read(layout: &Layout, bytes: &[u8]) -> Option<Configuration> {
     let (mut defaults, mut whole) = ([0; PART], [0; PART]);
     let mut rest = bytes;

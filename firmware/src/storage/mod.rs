@@ -35,6 +35,7 @@ struct Record {
     older: Option<u32>,
 }
 
+#[inline(never)]
 fn read_slot(storage: &mut dyn Storage, slot: usize) -> Option<Record> {
     let mut bytes = [0; SLOT_BYTES];
     if !storage.read(slot, &mut bytes) {
@@ -80,6 +81,7 @@ pub fn load(storage: &mut dyn Storage) -> Option<Configuration> {
 }
 
 /// The same, and low half of the identity of the older layout that it was saved in, if it was.
+#[inline(never)]
 pub fn load_any(storage: &mut dyn Storage) -> Option<(Configuration, Option<u32>)> {
     newest(storage).map(|(_, record)| (record.configuration, record.older))
 }

@@ -61,6 +61,12 @@ pub(crate) fn refusal(refusal: Refusal) -> Error {
             "parameters can only be saved while the lamp is off, since writing them holds the controller up; \
              put the lamp out first",
         ),
+        Refusal::KeepOut { first, second } => Error::input(format!(
+            "{} and {} would come where they must not be together, at the target, on the way there or while one of them is homed; \
+             see [[keep_out]] in the rig's file, and move one after the other",
+            first.name(),
+            second.name()
+        )),
         Refusal::Stopped => Error::failure("the rig was stopped before it had finished"),
     }
 }
@@ -163,6 +169,7 @@ fn name(field: Field) -> &'static str {
         Field::StepRate => "the sum of all axes' highest speeds",
         Field::Axes => "the choice of axes",
         Field::LampTime => "the lamp's longest time",
+        Field::KeepOut => "a keep-out",
     }
 }
 
@@ -193,6 +200,10 @@ fn range(field: Field) -> &'static str {
         }
         Field::Axes => "at least one has to be chosen",
         Field::LampTime => "it has to be at least 1 s",
+        Field::KeepOut => {
+            "it has to be of two axes that do not turn round and round, with different home_order, and that which is homed first has to be \
+             out of the other's way then"
+        }
         Field::Duration => "it has to be within the controller's shortest and longest exposure",
     }
 }
@@ -201,7 +212,7 @@ fn range(field: Field) -> &'static str {
 pub(crate) fn different_schema(reply: &HelloReply) -> Error {
     Error::input(format!(
         "the rig's controller speaks protocol version {} (schema {:016x}) and this program version {} (schema {:016x}); \
-         install matching firmware or the matching lobelia; nothing was moved",
+         install matching firmware or the matching lobelia; nothing was moved, and `lobelia rig safe` stops and darkens it all the same",
         reply.hello.version,
         reply.hello.schema,
         schema::VERSION,

@@ -15,9 +15,10 @@ use lobelia_board_support::clock::Clock;
 #[cfg(not(feature = "qemu"))]
 use lobelia_board_support::clock::Extended;
 use lobelia_board_support::link::{Received, ToSend};
+use stm32f4xx_hal::nb;
 use stm32f4xx_hal::pac::{self, Interrupt, interrupt};
 use stm32f4xx_hal::prelude::*;
-use stm32f4xx_hal::serial::{Rx, RxListen, Tx, TxListen};
+use stm32f4xx_hal::serial::{Error, Rx, RxListen, Tx, TxListen};
 
 /// System clock, counts a µs. QEMU's SysTick counts at this rate whatever the clocks are set to.
 const TICKS_PER_US: u32 = 168;
@@ -75,8 +76,10 @@ fn USART2() {
 /// frame with it: the host repeats it.
 fn carry((tx, rx): &mut Halves) {
     // Read also where no byte has come: an overrun interrupts without one, and for ever until it is cleared by reading.
-    if let Ok(byte) = rx.read() {
-        let _ = RECEIVED.push(byte);
+    match rx.read() {
+        Ok(byte) if RECEIVED.push(byte) => {}
+        Ok(_) | Err(nb::Error::Other(Error::Overrun)) => crate::vitals::overrun(),
+        Err(_) => {}
     }
     if tx.is_tx_empty() {
         match TO_SEND.pop() {

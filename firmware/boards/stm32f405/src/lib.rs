@@ -20,12 +20,16 @@ mod pins;
 #[path = "../../shared/steps.rs"]
 mod steps;
 #[cfg(not(feature = "qemu"))]
+mod supply;
+#[path = "../../shared/vitals.rs"]
+pub mod vitals;
+#[cfg(not(feature = "qemu"))]
 mod watchdog;
 
 use lobelia_board_support::link::{Received, RingLink, ToSend};
 #[cfg(feature = "qemu")]
 use lobelia_board_support::model;
-use lobelia_firmware::{AxisPins, Board, Options, Peripherals};
+use lobelia_firmware::{AxisPins, Board, Options, Peripherals, Vitals};
 use stm32f4xx_hal::gpio::{AnyPin, Edge, Input, Output, Pin, Pull, PushPull};
 use stm32f4xx_hal::prelude::*;
 use stm32f4xx_hal::{pac, rcc, serial};
@@ -172,6 +176,7 @@ pub fn set_up() -> Option<(Peripherals<Stm32f405>, Options<Stm32f405>)> {
         emergency_stop: Some(&pins::EMERGENCY_STOP),
         crash: kept::take_crash().or(reset),
         most_steps_per_s: Some(MOST_STEPS_PER_S),
+        vitals: cortex_m::singleton!(: BoardVitals = BoardVitals).map(|vitals| vitals as _),
         #[cfg(not(feature = "qemu"))]
         drivers: cortex_m::singleton!(: drivers::DriverWire = wire).map(|wire| wire as _),
         #[cfg(not(feature = "qemu"))]
@@ -203,10 +208,30 @@ pub fn set_up() -> Option<(Peripherals<Stm32f405>, Options<Stm32f405>)> {
         level.set_duty(0);
         level.enable();
         let adc = Adc::new(device.ADC1, true, AdcConfig::default(), &mut rcc);
+        supply::start();
         Some((lines.real(level, parts::Photodiode { adc, pin: a.pa0.into_analog() }), options))
     }
     #[cfg(feature = "qemu")]
     Some((lines.modelled(), options))
+}
+
+/// What the board can tell of itself.
+#[derive(Debug)]
+struct BoardVitals;
+
+impl Vitals for BoardVitals {
+    fn stack(&mut self) -> Option<[u32; 2]> {
+        vitals::stack()
+    }
+
+    fn overruns(&mut self) -> u32 {
+        vitals::overruns()
+    }
+
+    #[cfg(not(feature = "qemu"))]
+    fn supply_mv(&mut self) -> Option<u16> {
+        supply::millivolts()
+    }
 }
 
 /// All lines, in the order of the axes.

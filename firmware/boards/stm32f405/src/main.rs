@@ -3,6 +3,7 @@
 #![no_main]
 
 use lobelia_firmware::Controller;
+use lobelia_stm32f405::vitals;
 use lobelia_stm32f405::{after_poll, now_us, rest_until, set_up, start_interrupts, wake_steps};
 
 #[cortex_m_rt::entry]
@@ -18,6 +19,8 @@ fn main() -> ! {
         after_poll();
         #[cfg(feature = "qemu")]
         lobelia_stm32f405::emulation::obey();
+        vitals::look();
+        controller.polled(now_us());
         rest_until(controller.next_poll_us());
     }
 }

@@ -30,6 +30,7 @@ impl RigConfig {
         for (key, value, range) in self.ranges() {
             in_range(value, &range).map_err(|why| refused(key, &why))?;
         }
+        self.check_keep_outs().map_err(|why| refused("keep_out", &why))?;
         self.check_camera()?;
         self.check_tags()
     }
