@@ -94,7 +94,10 @@ fn course(run: &Path) -> Vec<Result<usize, usize>> {
         Record::Pose { index, .. } => Some(Ok(*index)),
         Record::Suspect { from, lost_steps, .. } => {
             assert!(lost_steps[1].unsigned_abs() >= 50, "tilt is named: {lost_steps:?}");
-            assert!([0, 2, 3].iter().all(|&axis: &usize| lost_steps[axis].unsigned_abs() <= 4), "{lost_steps:?}");
+            assert!(
+                [0, 2, 3].iter().all(|&axis: &usize| lost_steps[axis].unsigned_abs() <= 4),
+                "{lost_steps:?}"
+            );
             Some(Err(*from))
         }
         _ => None,
