@@ -150,7 +150,7 @@ fn parameters_saved_by_an_older_program_are_read_with_defaults_for_what_is_new_a
     let told = |rig: &mut Rig| {
         rig.send(&ToController::Hello(Hello::new(SESSION)));
         let events = rig.received();
-        events.iter().any(|event| *event == ToHost::Event(Event::Migrated { from: 0x4f24_018b }))
+        events.contains(&ToHost::Event(Event::Migrated { from: 0x4f24_018b }))
     };
     assert!(told(&mut rig));
     assert!(!told(&mut rig));

@@ -261,19 +261,20 @@ fn check_index(bench: &mut Bench) -> Result<()> {
 /// Two axes whose far halves exclude each other.
 fn keep_out(bench: &mut Bench) -> Result<()> {
     bench.settle()?;
-    let straight = |axis: &Axis| bench.configuration.axes[axis.index()].full_turn_steps == 0;
+    let configuration = bench.configuration;
+    let straight = |axis: &Axis| configuration.axes[axis.index()].full_turn_steps == 0;
     let mut axes = Axis::ALL.into_iter().filter(straight);
     // Where all but one turn round and round there is nothing to keep apart.
     let (Some(first), Some(second)) = (axes.next(), axes.last()) else { return Ok(()) };
     let away = |axis: Axis| {
-        let p = &bench.configuration.axes[axis.index()];
+        let p = &configuration.axes[axis.index()];
         let middle = i32::midpoint(p.min_steps, p.max_steps);
         match p.home_direction {
             HomeDirection::Negative => [middle, p.max_steps],
             HomeDirection::Positive => [p.min_steps, middle],
         }
     };
-    let mut other = bench.configuration;
+    let mut other = configuration;
     other.keep_outs[0] =
         Some(KeepOut { first, first_steps: away(first), second, second_steps: away(second) });
     (other.axes[first.index()].home_order, other.axes[second.index()].home_order) = (0, 1);
@@ -298,5 +299,5 @@ fn keep_out(bench: &mut Bench) -> Result<()> {
     }
     bench.refused(Command::MoveTo(inside), Refusal::KeepOut { first, second })?;
     same("positions", &near, &bench.status()?.positions)?;
-    bench.configure(&bench.configuration.clone())
+    bench.configure(&configuration)
 }
