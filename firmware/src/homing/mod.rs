@@ -79,7 +79,7 @@ impl Homing {
     ) -> Result<Self, PinFailure> {
         let approaches_left = match purpose {
             Purpose::Home { approaches } => {
-                axis.forget(pulses);
+                axis.forget(pulses, p);
                 approaches
             }
             Purpose::Check => 1,
@@ -89,6 +89,11 @@ impl Homing {
         let mut homing = Self { purpose, phase, edge: None, approaches_left, edges: None, lost: 0 };
         homing.enter(phase, now_us, axis, pulses, p)?;
         Ok(homing)
+    }
+
+    /// Whether at rest it goes on with another run.
+    pub(crate) fn goes_on(&self) -> bool {
+        self.phase != Phase::Done && self.edge.is_some()
     }
 
     /// Steps between the farthest edges of all approaches.

@@ -6,6 +6,7 @@ pub(crate) mod axis;
 pub(crate) mod brake;
 pub(crate) mod burst;
 pub(crate) mod fixed;
+pub(crate) mod keep_out;
 pub(crate) mod parameters;
 pub(crate) mod profile;
 pub(crate) mod pulses;

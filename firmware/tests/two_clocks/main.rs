@@ -37,6 +37,7 @@ fn configuration(max_speed: u32, acceleration: u32, jerk: u32) -> Configuration 
         inverted: Pins::NONE,
         alarm: Alarm::None,
         alarm_debounce_us: 20,
+        most_turns: 1,
     };
     let settings = Settings {
         lamp_warm_up_s: 10,
@@ -52,7 +53,7 @@ fn configuration(max_speed: u32, acceleration: u32, jerk: u32) -> Configuration 
         direction_setup_us: 6,
         inverted: Pins::NONE,
     };
-    Configuration { axes: [axis; 4], settings }
+    Configuration { axes: [axis; 4], settings, keep_outs: [None; 4] }
 }
 
 /// Where a motor is when its axis is at a position.
