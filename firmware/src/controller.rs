@@ -21,7 +21,8 @@ use crate::board::{AxisPins, Board, Line, Options, Peripherals, PinFailure, set}
 use crate::homing::{Homing, Purpose};
 use crate::lamp::Lamp;
 use crate::link::Link;
-use crate::motion::axis::{AxisDrive, Changes};
+use crate::motion::axis::AxisDrive;
+use crate::motion::changes::Changes;
 use crate::motion::keep_out::Sweep;
 use crate::motion::pulses::{Pulses, PulsesCell};
 use crate::safety::alarm::Alarms;

@@ -6,6 +6,7 @@
 use lobelia_protocol::{AxisParameters, HomeDirection, Pin, Pins};
 
 use crate::board::{Board, Line, PinFailure, set};
+use crate::motion::changes::Changes;
 use crate::motion::fixed::TICK_SHIFT;
 use crate::motion::keep_out::{Sweep, hull};
 use crate::motion::profile::{Limits, Times};
@@ -67,31 +68,6 @@ impl Plan {
 enum Guard {
     None,
     Forward(bool),
-}
-
-/// Whether plans may be changed in this poll: a run begun, cut short or turned into a braking one. That takes long on a small processor,
-/// so there is one change a poll, and none while an axis has to be handed steps.
-#[derive(Debug, Clone, Copy, Default)]
-pub(crate) struct Changes {
-    allowed: bool,
-    /// How often one was refused since the last was made.
-    refused: u8,
-}
-
-impl Changes {
-    /// After so many refusals a change is made whatever waits: where planning never catches up, steps come late anyway.
-    const PATIENCE: u8 = 64;
-
-    /// At a poll's beginning: whether an axis `needs` steps.
-    pub(crate) fn begin(&mut self, needs: bool) {
-        self.allowed = !needs || self.refused >= Self::PATIENCE;
-    }
-
-    /// Whether a change may be made, which it then has to be.
-    pub(crate) fn take(&mut self) -> bool {
-        self.refused = if self.allowed { 0 } else { self.refused.saturating_add(1) };
-        core::mem::take(&mut self.allowed)
-    }
 }
 
 /// An axis's direction and enable pins, and its plan. Its steps are those of number `axis` of the [`Pulses`].
