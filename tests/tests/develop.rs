@@ -194,6 +194,30 @@ fn a_run_goes_on_by_no_other_plan_and_rig_than_its_own() {
     resume(&["three.toml"]).refuses(2, &["three.toml: not the plan of the run"]);
 }
 
+/// What the controller refuses is told where the rig's file is read first.
+#[test]
+fn a_rig_that_the_controller_refuses_is_not_planned_for() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut rig = small::rig(8);
+    small::write_inputs(folder.path(), &rig, &small::plan(&rig, 1));
+    succeed(folder.path(), &["plan", "rig.toml", "--budget", "1"]);
+    rig.axes.pan.take_up_deg = 5.5;
+    fs::write(folder.path().join("rig.toml"), toml::to_string(&rig).unwrap()).unwrap();
+    run(folder.path(), &["plan", "rig.toml", "--budget", "1"])
+        .refuses(2, &["rig.toml: the rig's controller refuses the home position of pan"]);
+}
+
+/// From a third of the highest speed the axis would need 10° to stop, and 8° behind the switch's edge it cannot go on.
+#[test]
+fn a_rig_that_brakes_softly_loses_no_steps_when_it_looks_for_its_switches() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut rig = small::rig(8);
+    rig.axes.pan.acceleration_deg_s2 = 20.0;
+    let plan = small::plan(&rig, 2);
+    small::acquire(&folder.path().join("run"), &plan, &rig, small::layout(&rig));
+    assert!(RunFolder::open(&folder.path().join("run")).unwrap().finished());
+}
+
 /// Stands for exposures that are all the same, by which nothing is told apart.
 const ANY_EXPOSURE: [&str; 2] = ["--set", "camera.exif=\"ignore\""];
 
