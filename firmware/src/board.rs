@@ -206,6 +206,24 @@ pub struct Options<B: Board> {
     /// A step that is later than this and than half its interval is a fault ([`Fault::StepsLate`](lobelia_protocol::Fault)), at most a second. An
     /// emulator's time is no measure of the program's, so there it may be long.
     pub bearable_late_us: u32,
+    /// What the board can tell of itself.
+    pub vitals: Option<&'static mut (dyn Vitals + Send)>,
+}
+
+/// What a board can tell of itself, for [`Health`](lobelia_protocol::Health). It is asked at each telemetry, so an answer must be at hand.
+pub trait Vitals {
+    /// Bytes of the stack that were ever used, and that there are.
+    fn stack(&mut self) -> Option<[u32; 2]> {
+        None
+    }
+    /// Bytes received that were lost, because nobody took them in time, since the start.
+    fn overruns(&mut self) -> u32 {
+        0
+    }
+    /// The processor's supply, mV.
+    fn supply_mv(&mut self) -> Option<u16> {
+        None
+    }
 }
 
 /// A timer that resets the board unless it is fed in time.
@@ -233,6 +251,7 @@ impl<B: Board> Default for Options<B> {
             heartbeat: None,
             most_steps_per_s: None,
             bearable_late_us: BEARABLE_LATE_US,
+            vitals: None,
         }
     }
 }

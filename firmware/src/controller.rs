@@ -5,6 +5,7 @@ mod lease;
 mod light;
 mod moves;
 mod requests;
+mod safe;
 mod watch;
 mod wiring;
 
@@ -12,8 +13,8 @@ use core::array;
 
 use heapless::Deque;
 use lobelia_protocol::{
-    AXES, Answer, Axis, AxisParameters, Configuration, Event, Fault, FaultReport, Outcome, Refusal, Request,
-    Status, ToController,
+    AXES, Answer, Axis, AxisParameters, Configuration, Event, Fault, FaultReport, KEEP_OUTS, KeepOut,
+    Outcome, Refusal, Request, Status, ToController,
 };
 
 use crate::board::{AxisPins, Board, Line, Options, Peripherals, PinFailure, set};
@@ -21,6 +22,8 @@ use crate::homing::{Homing, Purpose};
 use crate::lamp::Lamp;
 use crate::link::Link;
 use crate::motion::axis::AxisDrive;
+use crate::motion::changes::Changes;
+use crate::motion::keep_out::Sweep;
 use crate::motion::pulses::{Pulses, PulsesCell};
 use crate::safety::alarm::Alarms;
 use crate::safety::{EmergencyStop, Safety};
@@ -97,6 +100,7 @@ pub struct Controller<B: Board> {
     step_us: Option<u32>,
     /// While axes move: when [`Self::poll`] is due.
     poll_us: Option<u64>,
+    changes: Changes,
     options: Options<B>,
     lines: Lines<B>,
     /// How the pins were told that they are wired; nothing while no output may be driven.
@@ -117,8 +121,16 @@ pub struct Controller<B: Board> {
     waiting: Deque<Request, WAITING>,
     /// The last request that was refused, 0 for none in this session.
     refused: u32,
-    /// Axis parameters for the next configuration.
+    /// Axis parameters, and keep-outs, for the next configuration.
     prepared: [Option<AxisParameters>; AXES],
+    prepared_keep_outs: Option<[Option<KeepOut>; KEEP_OUTS]>,
+    /// The positions that the present move passes.
+    swept: [Sweep; AXES],
+    /// What the parameters were saved as, until that is told, if by an older program.
+    migrated: Option<u32>,
+    /// Whether axes moved when the controller was last polled, and how long the longest of such polls took, µs.
+    moved: bool,
+    longest_poll_us: u32,
     watch: Watch,
     /// What the fan and the heartbeat were told last.
     fan_runs: bool,
@@ -152,6 +164,7 @@ impl<B: Board> Controller<B> {
             now_us: 0,
             step_us: None,
             poll_us: None,
+            changes: Changes::default(),
             options,
             lines,
             wiring: None,
@@ -168,6 +181,11 @@ impl<B: Board> Controller<B> {
             waiting: Deque::new(),
             refused: 0,
             prepared: [None; AXES],
+            prepared_keep_outs: None,
+            swept: [[0; 2]; AXES],
+            migrated: None,
+            moved: false,
+            longest_poll_us: 0,
             watch: Watch::default(),
             fan_runs: false,
             beat: false,
@@ -239,6 +257,7 @@ impl<B: Board> Controller<B> {
         if !core::mem::replace(&mut self.started, true) {
             self.adopt_stored(now_us);
         }
+        self.moved = self.axes.iter().any(AxisDrive::moving);
         if self.options.emergency_stop.is_some_and(EmergencyStop::take) {
             self.raise(now_us, Fault::EmergencyStop, None);
         }
@@ -267,8 +286,14 @@ impl<B: Board> Controller<B> {
                     {
                         self.link.events.alarm(Event::Crashed(crash));
                     }
+                    if self.link.is_open()
+                        && let Some(from) = self.migrated.take()
+                    {
+                        self.link.events.alarm(Event::Migrated { from });
+                    }
                 }
                 ToController::Request(request) => self.receive(now_us, &request),
+                ToController::Safe(command) => self.make_safe(now_us, command),
             }
         }
         self.take_turns(now_us);
@@ -298,6 +323,14 @@ impl<B: Board> Controller<B> {
         }
     }
 
+    /// To be told when the loop that polls has done all that it does once, by the clock of the polls: how long that took is told to the host.
+    pub fn polled(&mut self, now_us: u64) {
+        if self.moved {
+            let took = now_us.saturating_sub(self.now_us).min(u32::MAX.into()) as u32;
+            self.longest_poll_us = self.longest_poll_us.max(took);
+        }
+    }
+
     /// Feeds what takes the controller for dead otherwise: the watchdog, and what holds the lamp's supply.
     fn show_life(&mut self) {
         if let Some(watchdog) = &mut self.options.watchdog {
@@ -315,6 +348,7 @@ impl<B: Board> Controller<B> {
         self.waiting.clear();
         self.refused = 0;
         self.prepared = [None; AXES];
+        self.prepared_keep_outs = None;
         self.watch = Watch::default();
         if self.running.is_some() {
             let _ = self.stop();
@@ -401,10 +435,12 @@ impl<B: Board> Controller<B> {
             }
             Task::Move { .. } | Task::Turn { .. } | Task::Home(..) | Task::Stop => {}
         }
+        let pulses = &mut self.pulses;
+        self.changes.begin(self.axes.iter().any(|axis| axis.runs_out(pulses, now_us).is_some()));
         let mut resting = true;
         for axis in Axis::ALL {
-            self.advance_axis(now_us, axis, task).map_err(|fault| (fault, Some(axis)))?;
-            resting &= !self.axes[axis.index()].moving();
+            let waits = self.advance_axis(now_us, axis, task).map_err(|fault| (fault, Some(axis)))?;
+            resting &= !waits && !self.axes[axis.index()].moving();
         }
         if !resting {
             return Ok(None);

@@ -20,6 +20,6 @@ pub mod storage;
 
 pub use board::{
     AnalogInput, AxisPins, Board, BrownOut, ByteLink, Options, Outputs, Peripherals, Pulses, PulsesCell,
-    Readings, StepPins, TimedShutter, Watchdog,
+    Readings, StepPins, TimedShutter, Vitals, Watchdog,
 };
 pub use controller::Controller;

@@ -342,7 +342,8 @@ fn coordinated_axes_arrive_at_once_and_others_each_as_soon_as_they_can() {
             }
         }
         let apart = rested_us.iter().max().unwrap() - rested_us.iter().min().unwrap();
-        assert_eq!(apart <= 2, coordinated, "{rested_us:?}");
+        // Runs begin one after the other, one a poll.
+        assert_eq!(apart <= 4, coordinated, "{rested_us:?}");
         assert_eq!(rig.outcome(id), Outcome::Done(Answer::At([900, -700, -40, 4000])));
     }
 }

@@ -5,8 +5,8 @@ mod bench;
 
 use bench::{Rig, SESSION, configuration};
 use lobelia_protocol::{
-    Answer, Command, Configuration, Event, Fault, Happening, LogLine, Outcome, Refusal, Request, Response,
-    Settings, ToController, ToHost,
+    Answer, Command, Configuration, Event, Fault, Happening, Hello, LogLine, Outcome, Refusal, Request,
+    Response, SafeCommand, SafeState, Settings, ToController, ToHost,
 };
 
 fn request(id: u32, command: Command) -> ToController {
@@ -395,4 +395,87 @@ fn an_answer_waits_for_one_event_at_most() {
         rig.poll();
         assert_eq!(kinds(&mut rig), [false; 3], "two log lines, and telemetry last");
     }
+}
+
+/// Asks in the words of every version.
+fn safe(rig: &mut Rig, command: SafeCommand) -> SafeState {
+    rig.send(&ToController::Safe(command));
+    let state = |packet: &ToHost| match packet {
+        ToHost::Safe(state) => Some(*state),
+        _ => None,
+    };
+    rig.received().iter().find_map(state).unwrap()
+}
+
+#[test]
+fn host_of_another_version_may_always_stop_darken_and_ask() {
+    // Whose hello was refused, so that no session is open.
+    let mut rig = Rig::homed();
+    assert!(matches!(rig.ask(Command::Lamp { on: true, level: u16::MAX }), Outcome::Done(_)));
+    let other = Hello { schema: 1, version: 99, session: 5 };
+    rig.begin(Command::MoveTo([4000; 4]));
+    (0..200).for_each(|_| assert!(rig.pass_event()));
+    let state = safe(&mut rig, SafeCommand::Ask);
+    assert!(state.moving && state.busy && state.lamp && state.known && state.configured && !state.fault);
+    assert!(safe(&mut rig, SafeCommand::Unknown(9)).moving);
+    assert!(!safe(&mut rig, SafeCommand::Darken).lamp);
+    assert!(!rig.bench.borrow().lamp && rig.moving() != [false; 4]);
+    let stopping = safe(&mut rig, SafeCommand::Stop);
+    assert_eq!((stopping.command, stopping.busy), (SafeCommand::Stop, true));
+    while rig.pass_event() {}
+    let stopped = safe(&mut rig, SafeCommand::Ask);
+    assert!(!stopped.moving && !stopped.busy && stopped.known, "{stopped:?}");
+    assert!(stopped.positions.iter().all(|&position| position < 4000));
+    // And so where there never was a session.
+    rig.send(&ToController::Hello(other));
+    rig.received();
+    assert_eq!(safe(&mut rig, SafeCommand::Stop).positions, stopped.positions);
+}
+
+#[test]
+fn exposure_in_the_dark_of_another_host_is_given_up_and_no_lease_is_renewed() {
+    let mut rig = Rig::homed();
+    let id = rig.begin(Command::Expose { duration_us: 50_000, warm_lamp: false });
+    (0..5).for_each(|_| assert!(rig.pass_event()));
+    assert!(safe(&mut rig, SafeCommand::Ask).shutter);
+    assert!(!safe(&mut rig, SafeCommand::Darken).shutter);
+    assert_eq!(rig.outcome(id), Outcome::Refused(Refusal::Stopped));
+    let mut rig = Rig::greeted(leased(0));
+    assert!(matches!(rig.ask(Command::Lamp { on: true, level: u16::MAX }), Outcome::Done(_)));
+    let lit_us = rig.bench.borrow().now_us;
+    while rig.bench.borrow().lamp {
+        let now = rig.bench.borrow().now_us + 100_000;
+        assert!(now < lit_us + 5_000_000, "asking keeps the lamp alight");
+        rig.bench.borrow_mut().now_us = now;
+        safe(&mut rig, SafeCommand::Ask);
+    }
+    assert!(safe(&mut rig, SafeCommand::Ask).fault);
+}
+
+#[test]
+fn health_is_told_with_the_telemetry_and_when_asked() {
+    let mut rig = Rig::greeted(configuration());
+    let health = |rig: &mut Rig| match rig.ask(Command::ReadHealth) {
+        Outcome::Done(Answer::Health(health)) => health,
+        other => panic!("{other:?}"),
+    };
+    let rested = health(&mut rig);
+    assert_eq!((rested.stack, rested.overruns, rested.supply_mv), (Some([3000, 8000]), 7, Some(3300)));
+    assert_eq!((rested.worst_late_us, rested.longest_poll_us), (0, 0));
+    let homing = rig.begin(Command::Home);
+    (0..500).for_each(|_| assert!(rig.pass_event()));
+    // The loop stands for as long as a motor bears, and a step comes late by that.
+    let due = rig.next_event_us();
+    rig.bench.borrow_mut().now_us = due + 60;
+    rig.pass_event();
+    assert!(matches!(rig.outcome(homing), Outcome::Done(_)));
+    let late = health(&mut rig);
+    assert!((1..=60).contains(&late.worst_late_us), "{late:?}");
+    rig.ask(Command::Watch { telemetry_ms: 20, log: false });
+    rig.pass_event();
+    let told = events(&mut rig).into_iter().find_map(|event| match event {
+        Event::Telemetry(telemetry) => Some(telemetry.health),
+        _ => None,
+    });
+    assert_eq!(told, Some(late));
 }

@@ -6,8 +6,11 @@ mod bench;
 use std::sync::{Arc, Mutex};
 
 use bench::{Rig, SESSION, configuration};
-use lobelia_firmware::storage::{SLOT_BYTES, Storage, load, save};
-use lobelia_protocol::{Command, Configuration, Hello, Outcome, Refusal, Settings, ToController};
+use lobelia_firmware::storage::{SLOT_BYTES, Storage, load, load_any, save};
+use lobelia_protocol::{
+    Alarm, Answer, Axis, AxisParameters, Command, Configuration, DriverParameters, Event, Hello, Outcome,
+    Pin, Pins, Refusal, Settings, ToController, ToHost,
+};
 
 /// Flash that loses its power after so many bytes erased or written.
 struct Flash {
@@ -104,6 +107,87 @@ fn any_byte_that_rots_in_the_newer_slot_gives_the_older_parameters() {
         }
     }
     assert!(found_old > 100);
+}
+
+/// A slot as the program of schema version 4 wrote it. These bytes may never change: they are in controllers.
+const OF_VERSION_4: &str = "\
+    8b01244f000000009000870e904ed00fa01f80f10400281400cf0fe807323cf40300a01fd00f0200870e904ee807a09c0180\
+    b51800281400cf0ff403323cf40300a01fd00f0201a006ac026e10c8a01f870e904eac0264d00f00281400cf0f9601323cf4\
+    03c8a01fd00f0200870e904ea09c01d08603c0843d00281400cf0f904e323cf40300a01fd00f02000aac0200000080c60a00\
+    320102052929e632";
+
+/// One of version 5, with inverted pins and an alarm. Nor may these.
+const OF_VERSION_5: &str = "\
+    742eadec000000009f00870e904ed00fa01f80f10400281400cf0fe807323cf40300a01fd00f02000c0014870e904ee807a0\
+    9c0180b51800281400cf0ff403323cf40300a01fd00f0201a006ac026e10c8a01f000014870e904eac0264d00f00281400cf\
+    0f9601323cf403c8a01fd00f0200000014870e904ea09c01d08603c0843d00281400cf0f904e323cf40300a01fd00f020000\
+    0184070aac0200000080c60a0032010205e00734c62186";
+
+fn written(hexadecimal: &str) -> Flash {
+    let mut flash = Flash::new();
+    for (byte, hex) in flash.slots[0].iter_mut().zip(hexadecimal.as_bytes().chunks(2)) {
+        *byte = u8::from_str_radix(std::str::from_utf8(hex).unwrap(), 16).unwrap();
+    }
+    flash
+}
+
+/// What both of them have in common, with the defaults of what is new to the older.
+fn saved_before() -> Configuration {
+    let mut saved = configuration();
+    for axis in &mut saved.axes {
+        (axis.alarm, axis.alarm_debounce_us) = (Alarm::None, 50);
+    }
+    saved.axes[1].driver = Some(DriverParameters {
+        run_ma: 800,
+        hold_ma: 300,
+        sense_mohm: 110,
+        microsteps: 16,
+        stall_threshold: 200,
+        stall_above_speed: 4000,
+    });
+    saved.axes[2].home_order = 200;
+    let new = |axis: &AxisParameters| axis.most_turns == 1 && axis.inverted == Pins::NONE;
+    assert!(saved.axes.iter().all(new) && saved.settings.inverted == Pins::NONE);
+    assert!(saved.keep_outs == [None; 4]);
+    saved
+}
+
+#[test]
+fn pins_and_alarms_saved_before_there_were_keep_outs_stay_as_they_are() {
+    let mut expected = saved_before();
+    for axis in &mut expected.axes {
+        axis.alarm_debounce_us = 20;
+    }
+    expected.axes[0].inverted = [Pin::Home, Pin::Enable].into_iter().collect();
+    (expected.axes[3].alarm, expected.axes[3].alarm_debounce_us) = (Alarm::Level, 900);
+    expected.settings.inverted = Pins::OF_RIG;
+    assert_eq!(load_any(&mut written(OF_VERSION_5)), Some((expected, Some(0xecad_2e74))));
+}
+
+#[test]
+fn parameters_saved_by_an_older_program_are_read_with_defaults_for_what_is_new_and_that_is_told_once() {
+    let expected = saved_before();
+    let mut flash = written(OF_VERSION_4);
+    assert_eq!(load_any(&mut flash), Some((expected, Some(0x4f24_018b))));
+    for cut in 0..OF_VERSION_4.len() / 2 {
+        let mut damaged = written(OF_VERSION_4);
+        damaged.slots[0][cut] ^= 1;
+        assert_eq!(load_any(&mut damaged), None, "byte {cut}");
+    }
+
+    let flash = Arc::new(Mutex::new(flash));
+    let mut rig = Rig::with_storage(Box::leak(Box::new(Shared(Arc::clone(&flash)))));
+    let told = |rig: &mut Rig| {
+        rig.send(&ToController::Hello(Hello::new(SESSION)));
+        let events = rig.received();
+        events.contains(&ToHost::Event(Event::Migrated { from: 0x4f24_018b }))
+    };
+    assert!(told(&mut rig));
+    assert!(!told(&mut rig));
+    assert_eq!(rig.ask(Command::ReadAxis(Axis::Roll)), Outcome::Done(Answer::Axis(expected.axes[2])));
+    // Saved anew they are of this program.
+    assert!(save(&mut *flash.lock().unwrap(), &expected));
+    assert_eq!(load_any(&mut *flash.lock().unwrap()), Some((expected, None)));
 }
 
 #[test]

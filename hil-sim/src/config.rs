@@ -1,6 +1,6 @@
 //! What the simulated mechanics and lamp are like. The defaults are those of the source's rig (its Table 3.1).
 
-use lobelia_protocol::{Alarm, AxisParameters, Configuration, HomeDirection, Pins, Settings};
+use lobelia_protocol::{Alarm, AxisParameters, Configuration, HomeDirection, KEEP_OUTS, Pins, Settings};
 use serde::{Deserialize, Deserializer, Serialize};
 
 /// The simulated rig's mechanics and lamp.
@@ -158,6 +158,7 @@ impl MechanicsConfig {
                 direction_setup_us: 6,
                 inverted: self.wiring.rest,
             },
+            keep_outs: [None; KEEP_OUTS],
         }
     }
 }
@@ -251,6 +252,7 @@ impl AxisMechanics {
             inverted: Pins::NONE,
             alarm: Alarm::None,
             alarm_debounce_us: 20,
+            most_turns: 1,
         }
     }
 }

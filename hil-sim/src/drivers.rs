@@ -12,7 +12,10 @@ const SYNC: u8 = 0x05;
 const WRITE: u8 = 0x80;
 const MASTER: u8 = 0xFF;
 const IFCNT: usize = 0x02;
+const NODECONF: usize = 0x03;
 const SGTHRS: usize = 0x40;
+/// Of NODECONF: how long a driver waits before it replies. Below 2 is not for several on one wire: another may take the reply for a request.
+const LEAST_DELAY: u32 = 2 << 8;
 
 /// Four drivers with addresses 0 to 3.
 #[derive(Debug)]
@@ -70,6 +73,9 @@ impl Drivers {
                 let mut reply = vec![SYNC, MASTER, register];
                 reply.extend(value);
                 reply.push(checksum(&reply));
+                if self.registers[usize::from(node)][NODECONF] < LEAST_DELAY {
+                    reply[1] ^= 0x55;
+                }
                 self.to_controller.extend(reply);
             }
             _ => {}

@@ -36,7 +36,7 @@ impl Host {
 
     /// Sets a configuration and gives the outcome of the last of its requests.
     fn configure(&mut self, configuration: &Configuration) -> Outcome {
-        configuration.commands().map(|command| self.ask(command))[AXES]
+        configuration.commands().map(|command| self.ask(command))[AXES + 1]
     }
 
     fn send(&mut self, packet: &ToController) {

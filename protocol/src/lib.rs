@@ -2,12 +2,13 @@
 //!
 //! A message is written with postcard, followed by its CRC-32, wrapped by COBS and set between zero bytes ([`frame`]).
 //! A session starts with a [`hello`], whose layout never changes, so that two programs of different versions can
-//! name both; nothing else is understood before the schemas are known to be equal. All set points are absolute and
+//! name both; but for a few messages that are [`frozen`] nothing else is understood before the schemas are known to be equal. All set points are absolute and
 //! each request bears an id, so a repeated request does no harm ([`message`]).
 #![no_std]
 
 pub mod fault;
 pub mod frame;
+pub mod frozen;
 pub mod hello;
 pub mod message;
 pub mod packet;
@@ -16,11 +17,13 @@ pub mod wiring;
 
 pub use fault::{Fault, FaultReport, Faults};
 pub use frame::{EncodedFrame, FrameDecoder, FrameError};
+pub use frozen::{SafeCommand, SafeState};
 pub use hello::{Hello, HelloReply, Verdict};
 pub use message::{
     Answer, Axis, AxisParameters, Command, Configuration, CrashCause, CrashRecord, DriverParameters,
-    DriverTrouble, EXPOSURE_US, Event, Exposure, Field, Happening, HomeDirection, HomingReport, LampStatus,
-    LogLine, Outcome, Refusal, Request, Response, Settings, Status, Telemetry,
+    DriverTrouble, EXPOSURE_US, Event, Exposure, Field, Happening, Health, HomeDirection, HomingReport,
+    KEEP_OUTS, KeepOut, LampStatus, LogLine, Outcome, Refusal, Request, Response, Settings, Status,
+    Telemetry,
 };
 pub use packet::{CodecError, ToController, ToHost};
 pub use wiring::{Alarm, Pin, Pins};

@@ -102,6 +102,9 @@ pub struct AxisParameters {
     pub alarm: Alarm,
     /// The alarm input counts once it has been active for this long, in µs; 0 takes the shortest pulse.
     pub alarm_debounce_us: u16,
+    /// Whole turns that a full-turn axis may be wound up beyond its limits, either way, counted from where it was switched on: what its
+    /// cables bear. A move goes the shorter way that keeps within them.
+    pub most_turns: u8,
 }
 
 /// How an axis's TMC2209, whose address is the axis's number, is set up over the controller's wire to the drivers.
@@ -170,6 +173,22 @@ pub struct Settings {
     pub inverted: Pins,
 }
 
+/// Where two axes must not be together: the first within one interval while the second is within another, both with their ends, in steps.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+pub struct KeepOut {
+    /// One axis.
+    pub first: Axis,
+    /// Its interval.
+    pub first_steps: [i32; 2],
+    /// Another axis.
+    pub second: Axis,
+    /// Its interval.
+    pub second_steps: [i32; 2],
+}
+
+/// Most keep-outs of a rig.
+pub const KEEP_OUTS: usize = 4;
+
 /// All that the controller has to know of the rig. It is sent in parts, so that every frame is short.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Configuration {
@@ -177,13 +196,16 @@ pub struct Configuration {
     pub axes: [AxisParameters; AXES],
     /// The rest.
     pub settings: Settings,
+    /// Where axes must not be together.
+    pub keep_outs: [Option<KeepOut>; KEEP_OUTS],
 }
 
 impl Configuration {
     /// The commands that set it, in order.
-    pub fn commands(&self) -> [Command; AXES + 1] {
+    pub fn commands(&self) -> [Command; AXES + 2] {
         core::array::from_fn(|k| match Axis::ALL.get(k) {
             Some(&axis) => Command::PrepareAxis { axis, parameters: self.axes[k] },
+            None if k == AXES => Command::PrepareKeepOuts(self.keep_outs),
             None => Command::Configure(self.settings),
         })
     }
@@ -194,7 +216,8 @@ impl Configuration {
 /// Requests are run one after the other, in the order of their ids: one that comes while another is being run waits for its
 /// turn, together with at most three more, and is answered as running meanwhile. A request that was sent before the host had
 /// seen that one before it was refused is skipped: it was meant for what did not come to be. [`Self::Status`], [`Self::Stop`], [`Self::Lamp`],
-/// [`Self::ClearFaults`], [`Self::Retarget`], [`Self::ReadAxis`], [`Self::ReadSettings`] and [`Self::Watch`] don't wait.
+/// [`Self::ClearFaults`], [`Self::Retarget`], [`Self::ReadAxis`], [`Self::ReadSettings`], [`Self::ReadKeepOuts`], [`Self::ReadHealth`] and
+/// [`Self::Watch`] don't wait.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Command {
     /// Sets the rig's parameters: these, and of each axis those that were prepared in this session, or else those that it has.
@@ -263,12 +286,26 @@ pub enum Command {
         /// How often each switch is approached slowly.
         approaches: u8,
     },
+    /// Asks how well the controller keeps up.
+    ReadHealth,
+    /// Keeps the keep-outs for the next [`Self::Configure`] of this session, which judges them; changes nothing else.
+    PrepareKeepOuts([Option<KeepOut>; KEEP_OUTS]),
+    /// Asks for the keep-outs that are set.
+    ReadKeepOuts,
 }
 
 impl Command {
     /// Whether it does more than to ask or to watch.
     pub const fn acts(&self) -> bool {
-        !matches!(self, Self::Status | Self::ReadAxis(_) | Self::ReadSettings | Self::Watch { .. })
+        !matches!(
+            self,
+            Self::Status
+                | Self::ReadAxis(_)
+                | Self::ReadSettings
+                | Self::Watch { .. }
+                | Self::ReadHealth
+                | Self::ReadKeepOuts
+        )
     }
 
     /// Whether it waits for its turn while another is being run.
@@ -331,6 +368,10 @@ pub enum Answer {
     Axis(AxisParameters),
     /// The settings.
     Settings(Settings),
+    /// How well the controller keeps up.
+    Health(Health),
+    /// The keep-outs.
+    KeepOuts([Option<KeepOut>; KEEP_OUTS]),
 }
 
 /// What repeated homing found.
@@ -418,6 +459,13 @@ pub enum Refusal {
     },
     /// Parameters can only be saved at rest and with the lamp off.
     NotAtRest,
+    /// These two axes would come where they must not be together: at the target, on the way, or while one of them is homed.
+    KeepOut {
+        /// One.
+        first: Axis,
+        /// The other.
+        second: Axis,
+    },
 }
 
 /// A parameter that can be out of range.
@@ -459,6 +507,9 @@ pub enum Field {
     Alarm,
     /// `inverted`: pins that are not an axis's among an axis's, or the other way round.
     Wiring,
+    /// `keep_outs`: of one axis twice, with an interval whose ends are in the wrong order, or where the axis that is homed first would
+    /// stand in the other's way.
+    KeepOut,
 }
 
 /// How things stand.
@@ -540,6 +591,23 @@ pub struct Telemetry {
     pub bad_frames: u32,
     /// Events that were left out since the start, because too many waited.
     pub dropped: u32,
+    /// How well the controller keeps up.
+    pub health: Health,
+}
+
+/// How well the controller keeps up: the worst since it started.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+pub struct Health {
+    /// How late the latest step was, but for the first of each run, µs.
+    pub worst_late_us: u32,
+    /// How long the longest turn of the main loop took while axes moved, µs; 0 where the board does not tell.
+    pub longest_poll_us: u32,
+    /// Bytes of the stack that were ever used, and that there are, where the board can tell.
+    pub stack: Option<[u32; 2]>,
+    /// Bytes received that were lost because nobody took them in time, each a damaged frame.
+    pub overruns: u32,
+    /// The processor's supply, mV, where the board can measure it.
+    pub supply_mv: Option<u16>,
 }
 
 /// Something that happened.
@@ -598,4 +666,10 @@ pub enum Event {
     Telemetry(Telemetry),
     /// What happened, if the host watches.
     Log(LogLine),
+    /// The parameters that the controller started with were saved by an older program: those that it did not know have their defaults.
+    /// Told once, after a hello.
+    Migrated {
+        /// Low half of the identity of what they were saved as.
+        from: u32,
+    },
 }

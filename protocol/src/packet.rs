@@ -4,6 +4,7 @@ use serde::Serialize;
 use serde::de::DeserializeOwned;
 
 use crate::frame::{self, EncodedFrame, MAX_PAYLOAD};
+use crate::frozen::{self, SafeCommand, SafeState};
 use crate::hello::{self, Hello, HelloReply};
 use crate::message::{Configuration, Event, Request, Response};
 
@@ -26,6 +27,8 @@ pub enum ToController {
     Hello(Hello),
     /// Asks for something.
     Request(Request),
+    /// Asks for something in the words of every version.
+    Safe(SafeCommand),
 }
 
 /// What the controller sends.
@@ -37,6 +40,8 @@ pub enum ToHost {
     Response(Response),
     /// Tells of something unasked.
     Event(Event),
+    /// Answers what was asked in the words of every version.
+    Safe(SafeState),
 }
 
 impl ToController {
@@ -45,6 +50,7 @@ impl ToController {
         match self {
             Self::Hello(hello) => wrap(&hello.write()),
             Self::Request(request) => write(MESSAGE, request),
+            Self::Safe(command) => wrap(&command.write()),
         }
     }
 
@@ -55,6 +61,7 @@ impl ToController {
                 Hello::read(payload).map(|(hello, _)| Self::Hello(hello)).ok_or(CodecError::Malformed)
             }
             [MESSAGE, body @ ..] => read(body).map(Self::Request),
+            [frozen::KIND, ..] => SafeCommand::read(payload).map(Self::Safe).ok_or(CodecError::Malformed),
             _ => Err(CodecError::Malformed),
         }
     }
@@ -67,6 +74,7 @@ impl ToHost {
             Self::Hello(reply) => wrap(&reply.write()),
             Self::Response(response) => write(MESSAGE, response),
             Self::Event(event) => write(EVENT, event),
+            Self::Safe(state) => wrap(&state.write()),
         }
     }
 
@@ -76,6 +84,7 @@ impl ToHost {
             [hello::KIND, ..] => HelloReply::read(payload).map(Self::Hello).ok_or(CodecError::Malformed),
             [MESSAGE, body @ ..] => read(body).map(Self::Response),
             [EVENT, body @ ..] => read(body).map(Self::Event),
+            [frozen::KIND, ..] => SafeState::read(payload).map(Self::Safe).ok_or(CodecError::Malformed),
             _ => Err(CodecError::Malformed),
         }
     }
@@ -88,7 +97,17 @@ pub fn checksum(bytes: &[u8]) -> u32 {
 
 /// Writes a configuration as it is sent; gives its length, or nothing when it doesn't fit.
 pub fn write_configuration(configuration: &Configuration, into: &mut [u8]) -> Option<usize> {
-    postcard::to_slice(configuration, into).ok().map(|written| written.len())
+    write_part(configuration, into)
+}
+
+/// Writes a part of one, as its axes or its settings; gives its length, or nothing when it doesn't fit.
+pub fn write_part(part: &impl Serialize, into: &mut [u8]) -> Option<usize> {
+    postcard::to_slice(part, into).ok().map(|written| written.len())
+}
+
+/// Reads what [`write_part`] wrote.
+pub fn read_part<T: DeserializeOwned>(bytes: &[u8]) -> Option<T> {
+    read(bytes).ok()
 }
 
 /// Reads what [`write_configuration`] wrote.

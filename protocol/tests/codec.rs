@@ -5,7 +5,7 @@ mod samples;
 use lobelia_protocol::frame::{self, MAX_PAYLOAD};
 use lobelia_protocol::{
     Alarm, Axis, AxisParameters, Command, DriverParameters, FrameDecoder, FrameError, Hello, HelloReply,
-    HomeDirection, Pin, Pins, Request, ToController, ToHost, Verdict, schema,
+    HomeDirection, Pin, Pins, Request, SafeCommand, SafeState, ToController, ToHost, Verdict, schema,
 };
 use proptest::collection::vec;
 use proptest::prelude::*;
@@ -49,7 +49,7 @@ fn bytes_of_messages_change_only_together_with_the_schema_identity() {
     let pinned = (schema::VERSION, schema::IDENTITY, schema::identity(0, &bytes));
     assert_eq!(
         pinned,
-        (5, 10_719_555_609_073_331_391, 11_006_108_988_868_833_809),
+        (6, 8_512_431_961_182_849_700, 5_316_365_037_000_475_994),
         "raise schema::VERSION, describe the change in schema::TEXT, then pin"
     );
 }
@@ -86,6 +86,7 @@ fn axis_with_the_greatest_numbers_fits_into_a_frame() {
         inverted: Pins::OF_AXIS,
         alarm: Alarm::Edge,
         alarm_debounce_us: u16::MAX,
+        most_turns: u8::MAX,
     };
     let command = Command::PrepareAxis { axis: Axis::Light, parameters };
     let request = Request { session: u32::MAX, id: u32::MAX, seen: u32::MAX, command };
@@ -107,6 +108,8 @@ fn identity_of_parameters_is_that_of_their_own_lines() {
     assert_eq!(schema::PARAMETERS, schema::identity(0, &schema::TEXT[begin..end]));
     assert!(
         schema::TEXT[begin..end].contains("\naxis_parameters ")
+            && schema::TEXT[begin..end].contains("\npins ")
+            && schema::TEXT[begin..end].contains("\nkeep_out ")
             && schema::TEXT[begin..end].contains("\ndriver_parameters ")
     );
 }
@@ -127,6 +130,60 @@ fn hello_of_a_later_version_is_understood_and_refused_with_both_versions() {
     let reply = read.reply();
     assert_eq!(reply.verdict, Verdict::DifferentSchema);
     assert_eq!(reply.hello, Hello { schema: schema::IDENTITY, version: schema::VERSION, session: 5 });
+}
+
+/// These bytes may never change: hosts and controllers of all versions rely on them.
+#[test]
+fn frozen_messages_are_these_bytes_for_ever() {
+    let asked = [(SafeCommand::Ask, 0), (SafeCommand::Stop, 1), (SafeCommand::Darken, 2)];
+    for (command, number) in asked {
+        let bytes = [3, b'S', b'A', b'F', b'E', number];
+        let written = payloads(&ToController::Safe(command).encode().unwrap()).remove(0).unwrap();
+        assert_eq!(written, bytes);
+        // What a later version may append changes nothing.
+        let longer = [&bytes[..], b"more"].concat();
+        assert_eq!(ToController::decode(&longer), Ok(ToController::Safe(command)));
+    }
+    assert_eq!(
+        ToController::Safe(SafeCommand::Stop).encode().unwrap()[..],
+        [0, 11, 3, 83, 65, 70, 69, 1, 234, 35, 83, 229, 0]
+    );
+    let none = SafeState {
+        command: SafeCommand::Stop,
+        moving: false,
+        busy: false,
+        lamp: false,
+        shutter: false,
+        emergency_stop: false,
+        fault: false,
+        known: false,
+        configured: false,
+        uptime_s: 0x0403_0201,
+        positions: [1, -2, 0x7856_3412, i32::MIN],
+    };
+    let states = [
+        (SafeState { moving: true, ..none }, 1 << 0),
+        (SafeState { busy: true, ..none }, 1 << 1),
+        (SafeState { lamp: true, ..none }, 1 << 2),
+        (SafeState { shutter: true, ..none }, 1 << 3),
+        (SafeState { emergency_stop: true, ..none }, 1 << 4),
+        (SafeState { fault: true, ..none }, 1 << 5),
+        (SafeState { known: true, ..none }, 1 << 6),
+        (SafeState { configured: true, ..none }, 1 << 7),
+    ];
+    for (state, bits) in states {
+        #[rustfmt::skip]
+        let bytes = [
+            3, b'S', b'A', b'F', b'E', 1, bits, 0, 1, 2, 3, 4,
+            1, 0, 0, 0, 0xFE, 0xFF, 0xFF, 0xFF, 0x12, 0x34, 0x56, 0x78, 0, 0, 0, 0x80,
+        ];
+        let written = payloads(&ToHost::Safe(state).encode().unwrap()).remove(0).unwrap();
+        assert_eq!(written, bytes);
+        assert_eq!(ToHost::decode(&[&bytes[..], b"more"].concat()), Ok(ToHost::Safe(state)));
+        assert!(ToHost::decode(&bytes[..27]).is_err());
+    }
+    let later = [3, b'S', b'A', b'F', b'E', 77];
+    assert_eq!(ToController::decode(&later), Ok(ToController::Safe(SafeCommand::Unknown(77))));
 }
 
 #[test]

@@ -165,6 +165,12 @@ impl Qemu {
         steps.into_iter().map(step).collect()
     }
 
+    /// How many steps the program has made so far, wrapping.
+    pub fn step_count(&mut self) -> u32 {
+        let trace = self.word(self.kept + 4 * 4);
+        self.word(trace)
+    }
+
     /// Reads a word of memory or a register.
     pub fn word(&mut self, address: u32) -> u32 {
         let answer = self.ask_test(&format!("readl {address:#x}"), |_, _| {});

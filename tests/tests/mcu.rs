@@ -3,6 +3,10 @@
 #![cfg(unix)]
 #![allow(clippy::unwrap_used, reason = "helpers of tests are tests")]
 
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
+use std::time::Duration;
+
 use lobelia::acquire::simulated;
 use lobelia::rig::trace::{self, Recorder};
 use lobelia::rig::{Port, RigClient, replay};
@@ -53,6 +57,7 @@ fn configuration() -> Configuration {
         inverted: Pins::NONE,
         alarm: Alarm::None,
         alarm_debounce_us: 0,
+        most_turns: 1,
     });
     // Without leases: emulated time runs as fast as it can, whatever the host does meanwhile.
     Configuration {
@@ -71,6 +76,7 @@ fn configuration() -> Configuration {
             direction_setup_us: 5,
             inverted: Pins::NONE,
         },
+        keep_outs: [None; 4],
     }
 }
 
@@ -141,15 +147,71 @@ fn step_edges_seen_outside_the_chip_are_the_steps_commanded() {
     let status = client.status().unwrap();
     assert_eq!((status.positions, status.known, status.busy), (at, [true; 4], false));
     assert!(status.faults.is_empty());
-    assert_room_for_stack(&mut qemu);
+    assert_room_for_stack(&mut qemu, &mut client);
 }
 
-/// The stack is at the beginning of RAM, which starts as zeros.
-fn assert_room_for_stack(qemu: &mut Qemu) {
-    const STACK: usize = 24 * 1024;
-    let untouched = qemu.memory(0x2000_0000, STACK).into_iter().take_while(|&byte| byte == 0).count();
+/// The stack is at the beginning of RAM, and painted at the start; the controller tells how much of it was used.
+fn assert_room_for_stack(qemu: &mut Qemu, client: &mut RigClient) {
+    const STACK: usize = 28 * 1024;
+    let untouched = qemu.memory(0x2000_0000, STACK).into_iter().take_while(|&byte| byte == 0xCC).count();
     println!("worst stack of the session: {} bytes of {STACK}", STACK - untouched);
-    assert!(untouched > STACK / 4, "the stack took {} bytes of {STACK}", STACK - untouched);
+    assert!(untouched > STACK / 8, "the stack took {} bytes of {STACK}", STACK - untouched);
+    // The mark is found some hundred turns of the main loop later.
+    let told = client.health().unwrap().stack.unwrap();
+    assert_eq!(told[1] as usize, STACK);
+    assert!(told[0] as usize <= STACK - untouched && told[0] as usize > STACK / 4, "{told:?}");
+}
+
+/// At the boards' own speeds no step is late by more than a motor bears, whatever is planned: homings, moves, stops and new targets of all axes.
+fn steps_are_in_time(machine: Machine) {
+    let Some(program) = program(machine.board) else { return };
+    let mut qemu = Qemu::load(machine, &program);
+    qemu.start();
+    let mut client = RigClient::connect(Box::new(qemu.port())).unwrap();
+    client.configure(&configuration()).unwrap();
+    let stop = Arc::new(AtomicBool::new(false));
+    let asked = Arc::clone(&stop);
+    client.set_interrupt(move || asked.load(Relaxed));
+    for (round, steps) in [200, 900, 2500].into_iter().enumerate() {
+        client.home().unwrap();
+        for index in 0..5 {
+            client.move_to(pose(5 * round as i32 + index)).unwrap();
+        }
+        client.move_to([-800; 4]).unwrap();
+        // Broken off while all axes are speeding up, at speed, or slowing down.
+        let before = qemu.step_count();
+        let moving = std::thread::spawn(move || {
+            let moved = client.move_to([800; 4]);
+            (client, moved)
+        });
+        while qemu.step_count().wrapping_sub(before) < steps {
+            std::thread::sleep(Duration::from_micros(200));
+        }
+        qemu.pause();
+        stop.store(true, Relaxed);
+        std::thread::sleep(Duration::from_millis(400));
+        qemu.start();
+        let moved;
+        (client, moved) = moving.join().unwrap();
+        stop.store(false, Relaxed);
+        assert!(moved.unwrap_err().to_string().contains("interrupted"));
+        assert_eq!(client.status().unwrap().known, [true; 4]);
+    }
+    let health = client.health().unwrap();
+    println!("{}: {health:?}", machine.board);
+    assert!(health.worst_late_us < 100, "{health:?}");
+    assert!((1..6000).contains(&health.longest_poll_us) && health.overruns == 0, "{health:?}");
+    assert!(client.status().unwrap().faults.is_empty());
+}
+
+#[test]
+fn no_step_of_the_lm3s6965_is_late_at_its_own_speed() {
+    steps_are_in_time(LM3S6965);
+}
+
+#[test]
+fn no_step_of_the_f405_is_late_at_its_own_speed() {
+    steps_are_in_time(STM32F405);
 }
 
 #[test]

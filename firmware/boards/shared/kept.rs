@@ -5,7 +5,7 @@
 //! | 0–2 | the last crash's record |
 //! | 3 | under emulation: the crash that a test asks for |
 //! | 4 | under emulation: where the trace of steps is |
-//! | 64–319 | under emulation: parameters, in two slots of 512 bytes |
+//! | 64–383 | under emulation: parameters, in two slots of 640 bytes |
 
 use lobelia_board_support::crash::{self, CrashRecord};
 

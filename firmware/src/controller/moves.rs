@@ -9,6 +9,7 @@ use super::{Controller, Running, Task, Trouble};
 use crate::board::{Board, PinFailure};
 use crate::homing::{Homing, Progress, Purpose};
 use crate::motion::axis::{AxisDrive, Plan};
+use crate::motion::keep_out::{self, Sweep};
 use crate::motion::pulses::{PulsesCell, Trip};
 
 /// How often a homing may approach its switch.
@@ -29,6 +30,10 @@ impl<B: Board> Controller<B> {
             && !APPROACHES.contains(&approaches)
         {
             return Err(Refusal::BadParameter { axis: None, field: Field::Approaches }.into());
+        }
+        if let Purpose::Home { .. } = purpose {
+            let known = self.axes.each_ref().map(|axis| axis.known);
+            keep_out::check_homing(configuration, axes, known, self.positions())?;
         }
         let mut searches = [const { None }; AXES];
         self.home_next(now_us, configuration, purpose, axes, &mut searches)?;
@@ -104,7 +109,22 @@ impl<B: Board> Controller<B> {
     ) -> Result<Task, Trouble> {
         self.check_positions()?;
         check_limits(configuration, targets)?;
+        let positions = self.positions();
+        let plans = self.plans(configuration, positions, targets);
+        let sweeps = array::from_fn(|k| plans[k].sweep(positions[k]));
+        keep_out::check(&configuration.keep_outs, &sweeps)?;
+        self.swept = sweeps;
         self.start_move(now_us, configuration, targets).map_err(Trouble::from)
+    }
+
+    /// The way of each axis.
+    fn plans(
+        &self,
+        configuration: &Configuration,
+        positions: [i32; AXES],
+        targets: [i32; AXES],
+    ) -> [Plan; AXES] {
+        array::from_fn(|k| self.axes[k].plan(positions[k], targets[k], &configuration.axes[k]))
     }
 
     /// Starts a move of all axes from rest.
@@ -115,8 +135,7 @@ impl<B: Board> Controller<B> {
         targets: [i32; AXES],
     ) -> Result<Task, PinFailure> {
         let positions = self.positions();
-        let mut plans: [Plan; AXES] =
-            array::from_fn(|k| self.axes[k].plan(positions[k], targets[k], &configuration.axes[k]));
+        let mut plans = self.plans(configuration, positions, targets);
         if configuration.settings.coordinated {
             let slowest = plans.iter().map(Plan::total).max().unwrap_or(0);
             plans = plans.map(|plan| plan.stretched(slowest));
@@ -146,6 +165,13 @@ impl<B: Board> Controller<B> {
         };
         self.check_positions()?;
         check_limits(configuration, targets)?;
+        // Braking leads nowhere where the move would not have come, nor does what follows beyond the take-up below its target.
+        let sweeps: [Sweep; AXES] = array::from_fn(|k| {
+            let below = targets[k].saturating_sub_unsigned(configuration.axes[k].take_up_steps);
+            keep_out::hull(self.swept[k], [below, targets[k]])
+        });
+        keep_out::check(&configuration.keep_outs, &sweeps)?;
+        self.swept = sweeps;
         if let Some(Running { request: Some(id), .. }) = self.running.take() {
             self.link.answer(id, Outcome::Refused(Refusal::Stopped));
         }
@@ -159,8 +185,8 @@ impl<B: Board> Controller<B> {
         Ok(Task::Turn { targets })
     }
 
-    /// Plans the axis's next steps, and minds what made it cease.
-    pub(super) fn advance_axis(&mut self, now_us: u64, axis: Axis, task: &mut Task) -> Result<(), Fault> {
+    /// Goes on with what the axis does, and minds what made it cease; tells whether it waits for another poll to change its plan.
+    pub(super) fn advance_axis(&mut self, now_us: u64, axis: Axis, task: &mut Task) -> Result<bool, Fault> {
         let drive = &mut self.axes[axis.index()];
         let pulses = &mut self.pulses;
         match pulses.with(|pulses| pulses.take_trip(axis.index())) {
@@ -170,18 +196,21 @@ impl<B: Board> Controller<B> {
             Some(Trip::Late) => return Err(Fault::StepsLate),
         }
         let Some(parameters) = self.configuration.as_ref().map(|all| &all.axes[axis.index()]) else {
-            return Ok(());
+            return Ok(false);
         };
         if let Task::Home(.., searches) = task
             && let Some(search) = &mut searches[axis.index()]
         {
             search.watch(now_us, drive, pulses, parameters);
         }
-        drive.poll(pulses, now_us).map_err(|_| Fault::Hardware)?;
+        drive.poll(pulses, now_us, &mut self.changes).map_err(|_| Fault::Hardware)?;
         if let Task::Home(.., searches) = task
             && let Some(search) = &mut searches[axis.index()]
             && !drive.moving()
         {
+            if search.goes_on() && !self.changes.take() {
+                return Ok(true);
+            }
             let progress = search.rested(now_us, drive, pulses, parameters).map_err(|_| Fault::Hardware)?;
             match progress {
                 Progress::Failed => return Err(Fault::HomingFailed),
@@ -189,7 +218,7 @@ impl<B: Board> Controller<B> {
                 Progress::Seeking | Progress::Measured => {}
             }
         }
-        Ok(())
+        Ok(false)
     }
 
     /// Plans for the axis that would run out of steps first, one a poll: what that takes never adds up over all axes.

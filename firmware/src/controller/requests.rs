@@ -3,8 +3,8 @@
 use core::array;
 
 use lobelia_protocol::{
-    AXES, Answer, Command, Configuration, Fault, Happening, Outcome, Refusal, Request, Response, Settings,
-    ToHost,
+    AXES, Answer, Command, Configuration, Fault, Happening, KEEP_OUTS, Outcome, Refusal, Request, Response,
+    Settings, ToHost,
 };
 
 use super::{Controller, Running, Task, Trouble};
@@ -125,6 +125,8 @@ impl<B: Board> Controller<B> {
             Command::Status => Ok(Some(Answer::Status(self.status(now_us)?))),
             Command::ReadAxis(axis) => Ok(Some(Answer::Axis(self.configured()?.axes[axis.index()]))),
             Command::ReadSettings => Ok(Some(Answer::Settings(self.configured()?.settings))),
+            Command::ReadKeepOuts => Ok(Some(Answer::KeepOuts(self.configured()?.keep_outs))),
+            Command::ReadHealth => Ok(Some(Answer::Health(self.health()))),
             Command::Watch { telemetry_ms, log } => {
                 self.set_watch(now_us, telemetry_ms, log)?;
                 Ok(Some(Answer::Nothing))
@@ -153,6 +155,10 @@ impl<B: Board> Controller<B> {
             Command::PrepareAxis { axis, parameters } => {
                 parameters::validate_axis(axis, &parameters)?;
                 self.prepared[axis.index()] = Some(parameters);
+                Ok(Some(Answer::Nothing))
+            }
+            Command::PrepareKeepOuts(keep_outs) => {
+                self.prepared_keep_outs = Some(keep_outs);
                 Ok(Some(Answer::Nothing))
             }
             Command::Configure(settings) => {
@@ -213,7 +219,7 @@ impl<B: Board> Controller<B> {
     #[inline(never)]
     pub(super) fn adopt_stored(&mut self, now_us: u64) {
         let Some(storage) = &mut self.options.storage else { return };
-        let Some(configuration) = storage::load(&mut **storage) else { return };
+        let Some((configuration, older)) = storage::load_any(&mut **storage) else { return };
         if parameters::validate(&configuration, self.options.most_steps_per_s).is_err()
             || self.check_alarms(&configuration).is_err()
         {
@@ -225,6 +231,7 @@ impl<B: Board> Controller<B> {
             self.raise(now_us, Fault::Hardware, None);
         }
         self.configuration = Some(configuration);
+        self.migrated = older;
     }
 
     /// Another configuration makes positions unknown: steps may mean something else.
@@ -234,14 +241,18 @@ impl<B: Board> Controller<B> {
         let [Some(pan), Some(tilt), Some(roll), Some(light)] = array::from_fn(axis) else {
             return Err(Refusal::NotConfigured.into());
         };
-        let configuration = Configuration { axes: [pan, tilt, roll, light], settings };
+        let keep_outs = self.prepared_keep_outs.or(self.configuration.map(|set| set.keep_outs));
+        let keep_outs = keep_outs.unwrap_or([None; KEEP_OUTS]);
+        let configuration = Configuration { axes: [pan, tilt, roll, light], settings, keep_outs };
         parameters::validate(&configuration, self.options.most_steps_per_s)?;
         self.check_alarms(&configuration)?;
         self.set_up_drivers(&configuration)?;
         self.wire(now_us, &configuration)?;
         self.pulses.with(|pulses| pulses.trains.set_timing(settings.pulse_us, settings.direction_setup_us));
         if self.configuration.replace(configuration) != Some(configuration) {
-            self.axes.iter_mut().for_each(|axis| axis.forget(&mut self.pulses));
+            for (axis, p) in self.axes.iter_mut().zip(&configuration.axes) {
+                axis.forget(&mut self.pulses, p);
+            }
         }
         Ok(())
     }

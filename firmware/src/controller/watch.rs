@@ -1,9 +1,10 @@
 //! What a host that watches is told: telemetry at a period, and log lines.
 
-use lobelia_protocol::{Field, Happening, LogLine, Refusal, Telemetry};
+use lobelia_protocol::{Field, Happening, Health, LogLine, Refusal, Telemetry};
 
 use super::{Controller, Task, Trouble};
 use crate::board::{AnalogInput, Board};
+use crate::motion::pulses::PulsesCell;
 
 /// Shortest period of telemetry, ms.
 const SHORTEST_MS: u16 = 20;
@@ -70,6 +71,19 @@ impl<B: Board> Controller<B> {
             frames: self.link.frames,
             bad_frames: self.link.bad_frames,
             dropped: self.link.events.dropped(),
+            health: self.health(),
         }
+    }
+
+    /// How well the controller keeps up.
+    pub(super) fn health(&mut self) -> Health {
+        let worst_late_us = self.pulses.with(|pulses| pulses.trains.worst_late_us());
+        let mut health = Health { worst_late_us, longest_poll_us: self.longest_poll_us, ..Health::default() };
+        if let Some(vitals) = &mut self.options.vitals {
+            health.stack = vitals.stack();
+            health.overruns = vitals.overruns();
+            health.supply_mv = vitals.supply_mv();
+        }
+        health
     }
 }

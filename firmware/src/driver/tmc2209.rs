@@ -133,6 +133,10 @@ impl StepperDriver for Tmc2209<'_> {
             (register::TCOOLTHRS, stall_above),
             (register::SGTHRS, u32::from(settings.stall_threshold)),
         ];
+        // Before anything is asked: until it is told to wait, a driver's reply may be lost among several.
+        if !self.bus.send(&write_datagram(self.node, register::NODECONF, NODECONF)) {
+            return Err(DriverTrouble::Silent);
+        }
         let before = self.read(register::IFCNT)? as u8;
         for (register, value) in writes {
             if !self.bus.send(&write_datagram(self.node, register, value)) {

@@ -61,6 +61,8 @@ pub(crate) struct Homing {
     phase: Phase,
     /// Where it closed or opened in this phase, as it should.
     edge: Option<i32>,
+    /// Where it began, if it seemed to be at its switch there, until that has shown.
+    seemed_at_switch: Option<i32>,
     approaches_left: u8,
     /// Lowest and highest edge of the approaches so far.
     edges: Option<(i32, i32)>,
@@ -79,16 +81,24 @@ impl Homing {
     ) -> Result<Self, PinFailure> {
         let approaches_left = match purpose {
             Purpose::Home { approaches } => {
-                axis.forget(pulses);
+                axis.forget(pulses, p);
                 approaches
             }
             Purpose::Check => 1,
         };
         let phase =
             if pulses.with(|pulses| pulses.at_switch(axis.axis()))? { Phase::BackOff } else { Phase::Seek };
-        let mut homing = Self { purpose, phase, edge: None, approaches_left, edges: None, lost: 0 };
+        let position = pulses.with(|pulses| pulses.trains.position(axis.axis()));
+        let seemed_at_switch = (phase == Phase::BackOff).then_some(position);
+        let mut homing =
+            Self { purpose, phase, edge: None, seemed_at_switch, approaches_left, edges: None, lost: 0 };
         homing.enter(phase, now_us, axis, pulses, p)?;
         Ok(homing)
+    }
+
+    /// Whether at rest it goes on with another run.
+    pub(crate) fn goes_on(&self) -> bool {
+        self.phase != Phase::Done && self.edge.is_some()
     }
 
     /// Steps between the farthest edges of all approaches.
@@ -145,7 +155,10 @@ impl Homing {
                 (None, _) => Progress::Failed,
             });
         };
+        // Open from the first look on: a single look at the start was wrong, and the switch may be far.
+        let was_open = self.seemed_at_switch.take().is_some_and(|start| edge.abs_diff(start) <= 2);
         let next = match (self.phase, p.home_direction) {
+            (Phase::BackOff, _) if was_open => Phase::Seek,
             (Phase::Seek, _) => Phase::BackOff,
             (Phase::BackOff, _) => Phase::SlowSeek,
             (Phase::SlowSeek, HomeDirection::Negative) => Phase::Leave,

@@ -6,7 +6,9 @@
 use lobelia_protocol::{AxisParameters, HomeDirection, Pin, Pins};
 
 use crate::board::{Board, Line, PinFailure, set};
+use crate::motion::changes::Changes;
 use crate::motion::fixed::TICK_SHIFT;
+use crate::motion::keep_out::{Sweep, hull};
 use crate::motion::profile::{Limits, Times};
 use crate::motion::pulses::{PulsesCell, Watch};
 use crate::motion::stepper::Stepper;
@@ -33,6 +35,13 @@ impl Plan {
     /// How long it takes, in ticks; 0 when there is nothing to move.
     pub(crate) fn total(&self) -> u64 {
         self.first.1.total() + self.approach.map_or(0, |(_, times)| times.total())
+    }
+
+    /// The positions that it passes from one on.
+    pub(crate) fn sweep(&self, position: i32) -> Sweep {
+        let to = |target: i32| [position.min(target), position.max(target)];
+        let first = to(self.first.0);
+        self.approach.map_or(first, |(target, _)| hull(first, to(target)))
     }
 
     /// The same move in `total` ticks, not fewer than it takes.
@@ -73,11 +82,18 @@ pub(crate) struct AxisDrive<B: Board> {
     approach: Option<(i32, Times)>,
     /// Where to go on to, in the same direction, after braking short of it.
     onward: Option<i32>,
+    /// Whether the run has yet to be changed into a braking one.
+    to_brake: bool,
     limits: Limits,
     guard: Guard,
     debounce_us: u16,
     /// What the present position is called once the move has ended: a turn more or less on a full-turn axis.
     renamed: Option<i32>,
+    /// Steps of a full turn, and whole turns that the axis is wound up by more than its position says.
+    full_turn: u32,
+    turns: i32,
+    /// While it is homed anew: how far it was wound up when its position was forgotten, in steps.
+    wound: Option<i64>,
     /// Whether the last motion ended upward with the play taken up.
     taken_up: bool,
     /// Whether the present one will.
@@ -96,10 +112,14 @@ impl<B: Board> AxisDrive<B> {
             late: 0,
             approach: None,
             onward: None,
+            to_brake: false,
             limits: Limits::default(),
             guard: Guard::None,
             debounce_us: 0,
             renamed: None,
+            full_turn: 0,
+            turns: 0,
+            wound: None,
             taken_up: false,
             ends_taken_up: false,
             known: false,
@@ -148,9 +168,9 @@ impl<B: Board> AxisDrive<B> {
         (needs && pulses.with(|pulses| pulses.trains.has_room(self.axis))).then_some(due)
     }
 
-    /// Plans a move from rest. On a full-turn axis it goes the shorter way.
+    /// Plans a move from rest. On a full-turn axis it goes the shorter way that its cables bear.
     pub(crate) fn plan(&self, position: i32, target: i32, p: &AxisParameters) -> Plan {
-        let target = nearest_turn(position, target, p.full_turn_steps);
+        let target = self.nearest_turn(position, target, p);
         let below = target.saturating_sub_unsigned(p.take_up_steps);
         let limits = limits(p);
         let times = |from: i32, to: i32| Times::shortest(to.abs_diff(from), limits);
@@ -177,6 +197,7 @@ impl<B: Board> AxisDrive<B> {
         self.ends_taken_up = true;
         self.approach = plan.approach;
         self.limits = plan.limits;
+        self.full_turn = p.full_turn_steps;
         self.renamed = Some(target);
         // An axis that turns round and round passes its index.
         self.guard = match (p.full_turn_steps, p.home_direction) {
@@ -197,7 +218,7 @@ impl<B: Board> AxisDrive<B> {
         p: &AxisParameters,
     ) -> bool {
         let position = pulses.with(|pulses| pulses.trains.planned_position(self.axis));
-        let turned = nearest_turn(position, target, p.full_turn_steps);
+        let turned = self.nearest_turn(position, target, p);
         // Only on a single upward run: then the play is taken up at the new target as it would be at the old one.
         let upward = self.stepper.forward() && self.approach.is_none() && self.ends_taken_up;
         let room = turned.saturating_sub_unsigned(p.take_up_steps) >= position;
@@ -270,18 +291,18 @@ impl<B: Board> AxisDrive<B> {
             i64::from(target) - i64::from(pulses.with(|pulses| pulses.trains.planned_position(self.axis)));
         let now = self.on_time(now_us);
         if !self.stepper.redirect(now, if forward { ahead } else { -ahead }) {
-            self.stepper.brake();
+            self.to_brake = true;
             self.onward = Some(target);
         }
     }
 
-    /// Comes to rest by the ramp and forgets the rest of the move.
+    /// Comes to rest by the ramp, from the next change of plan on, and forgets the rest of the move.
     pub(crate) fn stop(&mut self) {
         self.approach = None;
         self.onward = None;
         self.ends_taken_up = false;
         self.renamed = None;
-        self.stepper.brake();
+        self.to_brake = self.stepper.running();
     }
 
     /// Ceases at once and forgets the position; with `release` the motor no longer holds.
@@ -289,6 +310,7 @@ impl<B: Board> AxisDrive<B> {
         self.stepper.halt();
         self.approach = None;
         self.onward = None;
+        self.to_brake = false;
         self.renamed = None;
         self.taken_up = false;
         self.ends_taken_up = false;
@@ -299,34 +321,59 @@ impl<B: Board> AxisDrive<B> {
 
     /// Takes the present position for `position`, reached upward with the play taken up.
     pub(crate) fn homed(&mut self, pulses: &mut B::Pulses, position: i32) {
-        pulses.with(|pulses| {
+        let gone = pulses.with(|pulses| {
+            let gone = pulses.trains.position(self.axis);
             pulses.trains.set_position(self.axis, position);
             pulses.look_away(self.axis);
+            gone
         });
+        if let Some(wound) = self.wound.take() {
+            self.turns = whole_turns(wound + i64::from(gone) - i64::from(position), self.full_turn);
+        }
         self.known = true;
         self.taken_up = true;
     }
 
-    /// Forgets the position, to count from 0.
-    pub(crate) fn forget(&mut self, pulses: &mut B::Pulses) {
-        pulses.with(|pulses| pulses.trains.set_position(self.axis, 0));
+    /// Forgets the position, to count from 0; not how far it is wound up, unless a turn now has another number of steps.
+    pub(crate) fn forget(&mut self, pulses: &mut B::Pulses, p: &AxisParameters) {
+        let position = pulses.with(|pulses| {
+            let position = pulses.trains.position(self.axis);
+            pulses.trains.set_position(self.axis, 0);
+            position
+        });
+        let same = self.full_turn != 0 && self.full_turn == p.full_turn_steps;
+        let turns = i64::from(self.turns) * i64::from(self.full_turn);
+        // Forgotten again before it was homed: it went on from there.
+        self.wound = same.then(|| self.wound.unwrap_or(turns) + i64::from(position));
+        if !same {
+            self.turns = 0;
+        }
+        self.full_turn = p.full_turn_steps;
         self.known = false;
         self.taken_up = false;
     }
 
-    /// Goes on to what follows the run when it has ended.
-    pub(crate) fn poll(&mut self, pulses: &mut B::Pulses, now_us: u64) -> Result<(), PinFailure> {
+    /// Brakes where that was asked for, and goes on to what follows the run when it has ended, if the plan may be `changed`.
+    pub(crate) fn poll(
+        &mut self,
+        pulses: &mut B::Pulses,
+        now_us: u64,
+        changes: &mut Changes,
+    ) -> Result<(), PinFailure> {
         if !self.stepper.running() {
+            self.to_brake = false;
             return Ok(());
         }
         self.late +=
             u64::from(pulses.with(|pulses| pulses.trains.late(self.axis)).wrapping_sub(self.late as u32));
-        let ended = self.stepper.end().is_some_and(|end| self.on_time(now_us) >= end);
-        if ended && pulses.with(|pulses| pulses.trains.resting(self.axis)) {
-            self.end_run(pulses, now_us)
-        } else {
-            Ok(())
+        if self.to_brake && changes.take() {
+            self.to_brake = false;
+            self.stepper.brake();
         }
+        let ended = self.stepper.end().is_some_and(|end| self.on_time(now_us) >= end);
+        let ended = ended && pulses.with(|pulses| pulses.trains.resting(self.axis));
+        let goes_on = self.approach.is_some() || self.onward.is_some();
+        if ended && (!goes_on || changes.take()) { self.end_run(pulses, now_us) } else { Ok(()) }
     }
 
     /// The time in ticks at which the plan would be if no step had been late.
@@ -349,6 +396,7 @@ impl<B: Board> AxisDrive<B> {
     /// At the end of a run: begins the approach, or notes that the move is done.
     fn end_run(&mut self, pulses: &mut B::Pulses, now_us: u64) -> Result<(), PinFailure> {
         self.stepper.halt();
+        self.to_brake = false;
         let position = pulses.with(|pulses| pulses.trains.position(self.axis));
         if let Some(target) = self.onward.take()
             && target != position
@@ -365,19 +413,35 @@ impl<B: Board> AxisDrive<B> {
         }
         self.taken_up = self.ends_taken_up;
         if let Some(name) = self.renamed.take() {
+            self.turns += whole_turns(i64::from(position) - i64::from(name), self.full_turn);
             pulses.with(|pulses| pulses.trains.set_position(self.axis, name));
         }
         Ok(())
     }
+
+    /// Of all positions that stand for the target's angle and that the cables bear, the one nearest to `position`.
+    fn nearest_turn(&self, position: i32, target: i32, p: &AxisParameters) -> i32 {
+        if p.full_turn_steps == 0 {
+            return target;
+        }
+        let turn = i64::from(p.full_turn_steps);
+        let wound = i64::from(self.turns) * turn;
+        let [position, target] = [position, target].map(i64::from);
+        let ahead = (target - position).rem_euclid(turn);
+        let nearest = position + if 2 * ahead > turn { ahead - turn } else { ahead };
+        // As positions count now, without what it is wound up by.
+        let slack = i64::from(p.most_turns) * turn;
+        let lowest = i64::from(p.min_steps) - slack - wound;
+        let highest = i64::from(p.max_steps) + slack - wound;
+        let too_high = (nearest - highest).max(0);
+        let too_low = (lowest - nearest).max(0);
+        let back = |steps: i64| (steps + turn - 1) / turn * turn;
+        (nearest - back(too_high) + back(too_low)) as i32
+    }
 }
 
-/// Of all positions that stand for the target's angle, the one nearest to `position`.
-fn nearest_turn(position: i32, target: i32, full_turn: u32) -> i32 {
-    if full_turn == 0 {
-        return target;
-    }
+/// A number of steps in whole turns, rounded to the nearest.
+fn whole_turns(steps: i64, full_turn: u32) -> i32 {
     let turn = i64::from(full_turn);
-    let ahead = (i64::from(target) - i64::from(position)).rem_euclid(turn);
-    let way = if 2 * ahead > turn { ahead - turn } else { ahead };
-    (i64::from(position) + way) as i32
+    if turn == 0 { 0 } else { (2 * steps + turn).div_euclid(2 * turn) as i32 }
 }

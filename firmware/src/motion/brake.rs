@@ -5,8 +5,12 @@
 //! the times follow: (a + b)/J, (v + a²/2J − b²/J)/b and b/J. The same holds for an a below 0, when the run
 //! was braking already.
 
-use crate::motion::fixed::{Cubic, TICKS_PER_S, last_step_to};
+use crate::motion::fixed::{Cubic, TICKS_PER_S, divide, last_step_to};
 use crate::motion::profile::{Limits, State, Stretch};
+
+/// [`TICKS_PER_S`] is an odd number times a power of two, by which it is divided fast.
+const TICKS_SHIFT: u32 = TICKS_PER_S.trailing_zeros();
+const TICKS_ODD: u32 = (TICKS_PER_S >> TICKS_SHIFT) as u32;
 
 /// The segments of a braking.
 #[derive(Debug, Clone, Default)]
@@ -25,11 +29,14 @@ impl Brake {
         // In 2⁻⁶⁴ (steps/s²)².
         let drop = ((jerk * u128::from(from.speed)) << 32) + (a * a / 2) as u128;
         let most = u128::from(limits.acceleration) << 32;
-        let b = drop.isqrt().min(most).max(u128::from((-a).max(1) as u64));
-        let ticks = |rate: u128| ((rate * u128::from(TICKS_PER_S)) / (jerk << 32)) as u64;
+        // A little less only makes it hold for a little longer. A root of 64 bits is much cheaper.
+        let halves = drop.checked_ilog2().map_or(0, |bits| bits.saturating_sub(62).div_ceil(2));
+        let root = u128::from(((drop >> (2 * halves)) as u64).isqrt()) << halves;
+        let b = root.min(most).max(u128::from((-a).max(1) as u64));
+        let ticks = |rate: u128| divide((rate * u128::from(TICKS_PER_S)) >> 32, limits.jerk) as u64;
         let onset = ticks((a + b as i128).max(0) as u128);
         // The speed to lose at −b, in 2⁻⁶⁴ steps/s: below 2⁸⁴.
-        let held = drop.saturating_sub(b * b) / jerk;
+        let held = divide(drop.saturating_sub(b * b), limits.jerk);
         let hold = ((held * u128::from(TICKS_PER_S) / b) >> 32) as u64;
         let release = ticks(b);
         let mut state = from;
@@ -71,7 +78,10 @@ impl Brake {
 
 /// The segment of `ticks` with a jerk in steps/s³, and the state at its end.
 fn segment(from: State, ticks: u64, jerk: i128) -> (Cubic, State) {
-    let per = |value: i128| value * i128::from(ticks) / i128::from(TICKS_PER_S);
+    let per = |value: i128| {
+        let size = divide((value.unsigned_abs() * u128::from(ticks)) >> TICKS_SHIFT, TICKS_ODD) as i128;
+        if value < 0 { -size } else { size }
+    };
     let (v, a) = (i128::from(from.speed), i128::from(from.acceleration));
     let change = per(jerk << 32);
     let [c1, c2, c3] = [per(v), per(per(a)) / 2, per(per(change)) / 6].map(|c| c as i64);

@@ -6,11 +6,11 @@
 /// A fraction of a tick is kept in so many bits.
 const FRACTION: u32 = 32;
 /// A burst may be so many ticks off at the two probes.
-const CLOSE: u64 = 12;
+const CLOSE: u64 = 40;
 /// Below so many ticks off, the next burst may be longer.
-const VERY_CLOSE: u64 = 2;
+const VERY_CLOSE: u64 = 7;
 /// Between the probes it is off by less than this: bursts are this late, so that no step is early.
-pub(crate) const MARGIN: u64 = 20;
+pub(crate) const MARGIN: u64 = 66;
 
 /// Steps by forward differences, in 2⁻³² ticks.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
@@ -115,9 +115,9 @@ mod tests {
     #[test]
     fn length_follows_the_error() {
         assert_eq!(next_length(100, 0), Ok(150));
-        assert_eq!(next_length(100, 12), Ok(100));
-        assert_eq!(next_length(100, 13), Err(50));
-        assert_eq!(next_length(100, 12 * 16), Err(25));
+        assert_eq!(next_length(100, 40), Ok(100));
+        assert_eq!(next_length(100, 41), Err(50));
+        assert_eq!(next_length(100, 40 * 16), Err(25));
         assert_eq!(next_length(1, u64::MAX), Err(0));
     }
 }

@@ -3,6 +3,8 @@
 
 use lobelia_protocol::{Axis, AxisParameters, Configuration, Field, HomeDirection, Pins, Refusal};
 
+use crate::motion::keep_out;
+
 /// Highest speed, steps/s: a step every 5 µs.
 const MAX_SPEED: u32 = 200_000;
 /// Longest pulse, µs.
@@ -22,7 +24,7 @@ const MAX_TAKE_UP: u32 = 1 << 20;
 
 /// Checks a configuration, for a board that makes at most so many steps a second.
 pub(crate) fn validate(configuration: &Configuration, most_steps_per_s: Option<u32>) -> Result<(), Refusal> {
-    let Configuration { axes, settings } = configuration;
+    let Configuration { axes, settings, keep_outs } = configuration;
     Axis::ALL.into_iter().zip(axes).try_for_each(|(axis, p)| validate_axis(axis, p))?;
     let bad = |axis, field| Err(Refusal::BadParameter { axis, field });
     if !(1..=MAX_PULSE_US).contains(&settings.pulse_us) {
@@ -43,6 +45,9 @@ pub(crate) fn validate(configuration: &Configuration, most_steps_per_s: Option<u
     let sum: u32 = axes.iter().map(|p| p.max_speed).sum();
     if most_steps_per_s.is_some_and(|most| sum > most) {
         return bad(None, Field::StepRate);
+    }
+    if let Some(bad) = keep_outs.iter().flatten().find(|keep_out| !keep_out::is_sensible(axes, keep_out)) {
+        return Err(Refusal::BadParameter { axis: Some(bad.first), field: Field::KeepOut });
     }
     Ok(())
 }

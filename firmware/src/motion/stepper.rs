@@ -8,8 +8,8 @@ use crate::motion::burst::{Burst, MARGIN, error, next_length};
 use crate::motion::fixed::{STEP, TICK_SHIFT, half_way};
 use crate::motion::profile::{Cursor, Limits, Profile, Stretch, Times};
 
-/// A burst takes at most so many ticks: 2 ms.
-const LONGEST: u64 = 2000 << TICK_SHIFT;
+/// A burst takes at most so many ticks: 4 ms.
+const LONGEST: u64 = 4000 << TICK_SHIFT;
 /// Length in steps that is tried where nothing is known.
 const FIRST_LENGTH: u32 = 16;
 /// Fewer steps than this are timed one by one, so many before a burst is tried again.
@@ -187,7 +187,7 @@ impl Stepper {
             let sixth = i64::from(steps) * STEP / 6;
             let first = self.since(next, start + 2 * sixth);
             if first as u64 > LONGEST {
-                self.length = steps / 2;
+                self.length = within_longest(steps / 3, first);
                 continue;
             }
             let early = self.since(next, start + sixth);
@@ -197,9 +197,9 @@ impl Stepper {
             let times = [first, second, third];
             match next_length(steps, error(times, [early, late])) {
                 Err(shorter) => self.length = shorter,
-                Ok(_) if third as u64 > LONGEST => self.length = steps / 2,
+                Ok(_) if third as u64 > LONGEST => self.length = within_longest(steps, third).min(steps - 1),
                 Ok(length) => {
-                    self.length = length;
+                    self.length = length.min(within_longest(steps, third));
                     let mut burst = Burst::through(at, times, steps);
                     let end = next.step + steps;
                     let time = next.time + third as u64;
@@ -242,6 +242,13 @@ impl Stepper {
             Next { step, stretch, time, fraction: 0 }
         });
     }
+}
+
+/// Of steps that take so many ticks, about as many as a burst may last.
+fn within_longest(steps: u32, ticks: i64) -> u32 {
+    let most = (LONGEST >> TICK_SHIFT) as u32;
+    let each = (ticks >> TICK_SHIFT) as u32 / steps.max(1);
+    most / each.max(1)
 }
 
 #[cfg(test)]

@@ -102,6 +102,8 @@ pub(crate) struct Trains {
     turned: u8,
     unstarted: u8,
     overdue: u8,
+    /// How late the latest step was, but for the first of each run, in ticks.
+    worst_late: u32,
     /// Axes with steps to make.
     active: u8,
     /// Axes whose pins were raised last, and those raised before that are still high.
@@ -279,8 +281,11 @@ impl Trains {
     fn late_step(&mut self, axis: usize, late: u32) {
         let train = &mut self.trains[axis];
         let interval = train.due().wrapping_sub(train.made);
-        if late > (interval / 2).max(self.bearable.0) && self.unstarted & 1 << axis == 0 {
-            self.overdue |= 1 << axis;
+        if self.unstarted & 1 << axis == 0 {
+            self.worst_late = self.worst_late.max(late);
+            if late > (interval / 2).max(self.bearable.0) {
+                self.overdue |= 1 << axis;
+            }
         }
         train.delay(late);
     }
@@ -322,6 +327,11 @@ impl Trains {
     /// Ticks by which an axis's steps were late since its run began, wrapping.
     pub(crate) fn late(&self, axis: usize) -> u32 {
         self.trains[axis].late
+    }
+
+    /// How late the latest step was, but for the first of each run, µs.
+    pub(crate) fn worst_late_us(&self) -> u32 {
+        self.worst_late >> TICK_SHIFT
     }
 
     /// Axes with a step that came too late since this was last asked, a bit an axis.

@@ -44,7 +44,7 @@ impl Line {
         }
         let lasted = was.then(|| self.lasted(now_us));
         let debounce_us = self.debounce_us.load(Relaxed);
-        if lasted.is_some_and(|lasted| lasted >= debounce_us) {
+        if lasted.is_some_and(|lasted| lasted >= debounce_us) || active && debounce_us == 0 {
             self.rung.store(true, Relaxed);
             // No longer ago than needed, lest the difference wraps.
             self.since_us.store(now_us.wrapping_sub(debounce_us), Relaxed);
@@ -83,6 +83,12 @@ impl Alarms {
     pub(crate) fn look(&self, axis: usize, high: bool, now_us: u32) {
         let line = &self.0[axis];
         let was = line.active.load(Relaxed);
+        if line.polled.load(Relaxed) && high == line.inverted.load(Relaxed) {
+            // How long it was active after the last poll that saw it so is not known.
+            line.polled.store(false, Relaxed);
+            line.active.store(false, Relaxed);
+            return;
+        }
         line.see(high, now_us);
         if !was {
             line.polled.store(line.active.load(Relaxed), Relaxed);
@@ -165,6 +171,18 @@ mod tests {
         assert!(alarms.take(0) && alarms.left_us(0, 500).is_none());
         alarms.look(0, false, 501);
         assert!(alarms.take(0), "as long as it lasts");
+    }
+
+    #[test]
+    fn glitch_that_one_poll_alone_sees_counts_without_debounce_only() {
+        for (debounce_us, counts) in [(0, true), (20, false)] {
+            let alarms = Alarms::new();
+            alarms.set(2, false, debounce_us);
+            for (high, now_us) in [(false, 0), (true, 500), (false, 1000), (false, 1500)] {
+                alarms.look(2, high, now_us);
+            }
+            assert_eq!(alarms.take(2), counts, "{debounce_us} µs");
+        }
     }
 
     #[test]

@@ -121,6 +121,11 @@ impl<P: OutputPin> Shutter<P> {
         Self { pin, timer, exposure: None }
     }
 
+    /// Whether it is open.
+    pub(crate) fn is_open(&self) -> bool {
+        self.exposure.is_some()
+    }
+
     /// Opens it for `duration_us`.
     pub(crate) fn open(
         &mut self,

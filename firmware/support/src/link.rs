@@ -32,7 +32,10 @@ impl ByteLink for RingLink {
 
     fn write(&mut self, byte: u8) -> bool {
         let done = self.to_send.push(byte);
-        (self.wake)();
+        // While others wait before it the interrupt comes anyway.
+        if self.to_send.len() <= 1 {
+            (self.wake)();
+        }
         done
     }
 

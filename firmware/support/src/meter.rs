@@ -41,6 +41,10 @@ impl<const SIZE: u32, const TAKE: u32, const US: u32> Meter<SIZE, TAKE, US> {
 
 #[cfg(test)]
 mod tests {
+    extern crate std;
+
+    use std::vec::Vec;
+
     use super::*;
 
     /// 7 readings every 32 µs.

@@ -158,6 +158,7 @@ fn configuration() -> Configuration {
         inverted: Pins::NONE,
         alarm: Alarm::None,
         alarm_debounce_us: 0,
+        most_turns: 1,
     });
     Configuration {
         axes,
@@ -175,6 +176,7 @@ fn configuration() -> Configuration {
             direction_setup_us: 5,
             inverted: Pins::NONE,
         },
+        keep_outs: [None; 4],
     }
 }
 

@@ -44,6 +44,11 @@ impl<const N: usize> Ring<N> {
         Some(byte)
     }
 
+    /// Bytes in it.
+    pub fn len(&self) -> usize {
+        self.written.load(Acquire).wrapping_sub(self.read.load(Relaxed))
+    }
+
     /// Whether there's nothing to read.
     pub fn is_empty(&self) -> bool {
         self.read.load(Relaxed) == self.written.load(Acquire)

@@ -19,7 +19,8 @@ use embedded_hal::pwm::{self, SetDutyCycle};
 use lobelia_firmware::safety::EmergencyStop;
 use lobelia_firmware::storage::Storage;
 use lobelia_firmware::{
-    AnalogInput, AxisPins, Board, ByteLink, Controller, Options, Peripherals, Pulses, Readings, Watchdog,
+    AnalogInput, AxisPins, Board, ByteLink, Controller, Options, Peripherals, Pulses, Readings, Vitals,
+    Watchdog,
 };
 use lobelia_protocol::{
     self as protocol, Command, Configuration, CrashCause, CrashRecord, FrameDecoder, Hello, Outcome, Pins,
@@ -101,6 +102,21 @@ struct Dog(Arc<AtomicU32>);
 impl Watchdog for Dog {
     fn feed(&mut self) {
         self.0.fetch_add(1, Relaxed);
+    }
+}
+
+/// What a board tells of itself.
+struct Signs;
+
+impl Vitals for Signs {
+    fn stack(&mut self) -> Option<[u32; 2]> {
+        Some([3000, 8000])
+    }
+    fn overruns(&mut self) -> u32 {
+        7
+    }
+    fn supply_mv(&mut self) -> Option<u16> {
+        Some(3300)
     }
 }
 
@@ -318,11 +334,19 @@ impl Rig {
             brown_out: None,
             most_steps_per_s: Some(30_000),
             bearable_late_us: lobelia_firmware::board::BEARABLE_LATE_US,
+            vitals: Some(Box::leak(Box::new(Signs))),
             crash: Some(CrashRecord { cause: CrashCause::HardFault, place: 0x0800_1234 }),
         };
         change(&mut options);
         let controller = Controller::with_options(peripherals, options);
         Self { bench, emergency_stop, meals, controller, decoder: FrameDecoder::new(), next_id: 1 }
+    }
+
+    /// With a session, and nothing else.
+    pub(crate) fn new_session() -> Self {
+        let mut rig = Self::new();
+        rig.open(SESSION);
+        rig
     }
 
     /// With a session, and configured.
@@ -398,7 +422,7 @@ impl Rig {
     pub(crate) fn configure(&mut self, configuration: Configuration) -> Outcome {
         let outcomes = configuration.commands().map(|command| self.ask(command));
         let refused = |outcome: &Outcome| matches!(outcome, Outcome::Refused(_));
-        outcomes.into_iter().find(refused).unwrap_or(outcomes[4])
+        outcomes.into_iter().find(refused).unwrap_or(outcomes[outcomes.len() - 1])
     }
 
     /// Sends a command and lets time pass until it is answered.

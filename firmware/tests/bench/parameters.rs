@@ -1,6 +1,6 @@
 //! What the bench's host tells of its rig.
 
-use lobelia_protocol::{Alarm, AxisParameters, Configuration, HomeDirection, Pins, Settings};
+use lobelia_protocol::{Alarm, AxisParameters, Configuration, HomeDirection, KEEP_OUTS, Pins, Settings};
 
 /// Axes of different speeds; home switch at the lower end, at step −1000 of the axis.
 pub(crate) fn configuration() -> Configuration {
@@ -27,6 +27,7 @@ pub(crate) fn configuration() -> Configuration {
         inverted: Pins::NONE,
         alarm: Alarm::Edge,
         alarm_debounce_us: 20,
+        most_turns: 1,
     };
     Configuration {
         axes: [axis(2000, 4000), axis(1000, 20_000), axis(300, 100), axis(20_000, 50_000)],
@@ -44,5 +45,6 @@ pub(crate) fn configuration() -> Configuration {
             direction_setup_us: 5,
             inverted: Pins::NONE,
         },
+        keep_outs: [None; KEEP_OUTS],
     }
 }

@@ -37,6 +37,7 @@ fn configuration(max_speed: u32, acceleration: u32, jerk: u32) -> Configuration 
         inverted: Pins::NONE,
         alarm: Alarm::None,
         alarm_debounce_us: 20,
+        most_turns: 1,
     };
     let settings = Settings {
         lamp_warm_up_s: 10,
@@ -52,7 +53,7 @@ fn configuration(max_speed: u32, acceleration: u32, jerk: u32) -> Configuration 
         direction_setup_us: 6,
         inverted: Pins::NONE,
     };
-    Configuration { axes: [axis; 4], settings }
+    Configuration { axes: [axis; 4], settings, keep_outs: [None; 4] }
 }
 
 /// Where a motor is when its axis is at a position.
@@ -473,6 +474,28 @@ proptest! {
     fn whatever_breaks_in_when_steps_are_right_or_a_fault_is_raised(run in runs()) {
         holds(&run)?;
     }
+}
+
+/// One look at a switch, as homing began, was wrong.
+#[test]
+fn homing_whose_first_look_at_the_switch_is_wrong_finds_it_all_the_same() {
+    let run = Run {
+        seed: 3_282_751_389_451_313_415,
+        speed: 2342,
+        acceleration: 1812,
+        jerk: 6_776_990,
+        pulse_us: 2,
+        costs: Costs { latency_ns: 6240, look_ns: 55_254, poll_ns: 18_214, long_every: 0, long_ns: 0 },
+        skew: Skew { behind_us: 0, drift_ppm: -44 },
+        noise_every: 300,
+        commands: vec![
+            (3, [2412, 1830, 4142, 5602], 0),
+            (3, [5708, 5973, 4193, 1880], 0),
+            (3, [2198, 1472, 2499, 227], 0),
+            (0, [0, 0, 0, 0], 0),
+        ],
+    };
+    holds(&run).unwrap();
 }
 
 #[test]

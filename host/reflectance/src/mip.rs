@@ -9,8 +9,8 @@ use std::path::{Path, PathBuf};
 use half::f16;
 use sha2::{Digest, Sha256};
 
-use crate::{Rgb, SbrdfMap};
 use crate::sampled::{SampledSbrdf, SampledStore, Window};
+use crate::{Rgb, SbrdfMap};
 use lobelia_base::error::Result;
 
 /// Columns and rows of a level of an image.

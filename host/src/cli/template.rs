@@ -63,6 +63,13 @@ const RIG_DRIVER: &str = "
 # microsteps = 16           # a full step; one of them is a step of degrees_per_step
 # stall_threshold = 0       # how much load counts as a stall, to be found by trying; 0 for never
 # stall_above_deg_s = 5.0   # stalls are looked for above this speed
+
+# Two axes that would touch, as the light's arm and a panned carrier, may have, up to four times:
+# [[keep_out]]
+# first = \"light\"
+# first_deg = [10.0, 40.0]
+# second = \"pan\"           # of the two the one that can be homed wherever the other stands gets the lower home_order
+# second_deg = [60.0, 90.0]
 ";
 
 #[cfg(feature = "sim")]
@@ -72,7 +79,7 @@ const MATERIAL_HEADING: &str = "\
 ";
 
 /// What the keys of a rig mean that do not say so themselves.
-const COMMENTS: [(&str, &str); 42] = [
+const COMMENTS: [(&str, &str); 43] = [
     ("home_deg", "angle of the home switch's edge, below min_deg"),
     (
         "home_switch_deg",
@@ -89,6 +96,7 @@ const COMMENTS: [(&str, &str); 42] = [
     ("invert", "pins wired otherwise than the board's table says: step, direction, enable, home, alarm"),
     ("alarm", "driver's output: level (ALARM, ERR), edge (TMC's DIAG), none"),
     ("alarm_debounce_us", "it counts once it has lasted for so long"),
+    ("most_turns", "that it may be wound up beyond its limits: what its cables bear"),
     ("coordinated", "all axes arrive at once"),
     ("check_every_poses", "a run looks for the home switches so often, and after the last pose; 0 for never"),
     ("pulse_us", "shortest time that a step pin stays high, and low: the longest that a driver wants"),

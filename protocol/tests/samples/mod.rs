@@ -2,9 +2,9 @@
 
 use lobelia_protocol::{
     Alarm, Answer, Axis, AxisParameters, Command, CrashCause, CrashRecord, DriverParameters, DriverTrouble,
-    Event, Exposure, Fault, FaultReport, Faults, Field, Happening, Hello, HomeDirection, HomingReport,
-    LampStatus, LogLine, Outcome, Pin, Pins, Refusal, Request, Response, Settings, Status, Telemetry,
-    ToController, ToHost,
+    Event, Exposure, Fault, FaultReport, Faults, Field, Happening, Health, Hello, HomeDirection,
+    HomingReport, KEEP_OUTS, KeepOut, LampStatus, LogLine, Outcome, Pin, Pins, Refusal, Request, Response,
+    Settings, Status, Telemetry, ToController, ToHost,
 };
 
 const SETTINGS: Settings = Settings {
@@ -53,8 +53,24 @@ fn axis_parameters(base: i32) -> AxisParameters {
         inverted: [Pin::Direction, Pin::Home].into_iter().filter(|_| base == 1).collect(),
         alarm: if base == 1 { Alarm::Edge } else { Alarm::None },
         alarm_debounce_us: 20,
+        most_turns: 200,
     }
 }
+
+/// The longest that there can be.
+fn keep_outs() -> [Option<KeepOut>; KEEP_OUTS] {
+    let far = [i32::MIN, i32::MAX];
+    let keep_out = KeepOut { first: Axis::Pan, first_steps: far, second: Axis::Light, second_steps: far };
+    [Some(keep_out), None, Some(KeepOut { first: Axis::Tilt, ..keep_out }), Some(keep_out)]
+}
+
+const HEALTH: Health = Health {
+    worst_late_us: u32::MAX,
+    longest_poll_us: u32::MAX,
+    stack: Some([u32::MAX; 2]),
+    overruns: u32::MAX,
+    supply_mv: Some(u16::MAX),
+};
 
 /// One sample of each command.
 fn commands() -> Vec<Command> {
@@ -77,6 +93,9 @@ fn commands() -> Vec<Command> {
         Command::ReadSettings,
         Command::Watch { telemetry_ms: 100, log: true },
         Command::HomeAxes { axes: [true, false, false, true], approaches: 3 },
+        Command::ReadHealth,
+        Command::PrepareKeepOuts(keep_outs()),
+        Command::ReadKeepOuts,
     ]
 }
 
@@ -114,6 +133,8 @@ fn outcomes() -> Vec<Outcome> {
         Answer::Checked([0, 1, -1, 900]),
         Answer::Axis(axis_parameters(i32::MAX - 100_000)),
         Answer::Settings(SETTINGS),
+        Answer::Health(HEALTH),
+        Answer::KeepOuts(keep_outs()),
     ]
     .map(Outcome::Done)
     .to_vec();
@@ -137,6 +158,7 @@ fn outcomes() -> Vec<Outcome> {
             Refusal::Driver { axis: Axis::Tilt, trouble: DriverTrouble::Garbled },
             Refusal::Skipped { after: 5 },
             Refusal::NotAtRest,
+            Refusal::KeepOut { first: Axis::Tilt, second: Axis::Light },
         ]
         .map(Outcome::Refused),
     );
@@ -164,6 +186,7 @@ pub(crate) fn to_host() -> Vec<ToHost> {
         frames: u32::MAX,
         bad_frames: u32::MAX,
         dropped: u32::MAX,
+        health: HEALTH,
     };
     let log = [
         Happening::Began { id: 7 },
@@ -174,7 +197,8 @@ pub(crate) fn to_host() -> Vec<ToHost> {
         Happening::Dropped { count: 12 },
     ]
     .map(|what| Event::Log(LogLine { at_us: 1_000_000, what }));
-    let events = [Event::Fault(fault), Event::Crashed(crash), Event::Telemetry(telemetry)];
+    let migrated = Event::Migrated { from: u32::MAX };
+    let events = [Event::Fault(fault), Event::Crashed(crash), Event::Telemetry(telemetry), migrated];
     std::iter::once(ToHost::Hello(Hello::new(7).reply()))
         .chain(events.into_iter().chain(log).map(ToHost::Event))
         .chain(responses)

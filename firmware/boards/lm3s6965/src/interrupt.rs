@@ -111,7 +111,11 @@ fn carry() {
     // Both are raised again by the next byte received and by the FIFO's running low.
     uart::ICR.write(0x7FF);
     while !RECEIVED.is_full() && uart::FR.read() & uart::RECEIVE_EMPTY == 0 {
-        RECEIVED.push(uart::DR.read() as u8);
+        let received = uart::DR.read();
+        if received & uart::OVERRUN != 0 {
+            crate::vitals::overrun();
+        }
+        RECEIVED.push(received as u8);
     }
     while uart::FR.read() & uart::SEND_FULL == 0 {
         let Some(byte) = TO_SEND.pop() else { return };

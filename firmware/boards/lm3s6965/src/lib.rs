@@ -18,13 +18,15 @@ mod pins;
 mod register;
 #[path = "../../shared/steps.rs"]
 mod steps;
+#[path = "../../shared/vitals.rs"]
+pub mod vitals;
 mod watchdog;
 
 use lobelia_board_support::link::{Received, RingLink, ToSend};
 #[cfg(feature = "qemu")]
 use lobelia_board_support::model;
 use lobelia_firmware::storage::Storage;
-use lobelia_firmware::{AxisPins, Board, Options, Peripherals};
+use lobelia_firmware::{AxisPins, Board, Options, Peripherals, Vitals};
 
 pub use interrupt::{CLOCK_RELOAD, now_us, serve_steps, sleep_until, wake_steps};
 use pins::{LampLevel, map};
@@ -106,9 +108,22 @@ pub fn options() -> Options<Lm3s6965> {
         watchdog: watchdog.map(|watchdog| watchdog as _),
         crash: kept::take_crash().or(reset),
         most_steps_per_s: Some(MOST_STEPS_PER_S),
-        #[cfg(feature = "qemu")]
-        bearable_late_us: 1_000_000,
+        vitals: cortex_m::singleton!(: BoardVitals = BoardVitals).map(|vitals| vitals as _),
         ..Options::default()
+    }
+}
+
+/// What the board can tell of itself; its supply it can't measure.
+#[derive(Debug)]
+struct BoardVitals;
+
+impl Vitals for BoardVitals {
+    fn stack(&mut self) -> Option<[u32; 2]> {
+        vitals::stack()
+    }
+
+    fn overruns(&mut self) -> u32 {
+        vitals::overruns()
     }
 }
 

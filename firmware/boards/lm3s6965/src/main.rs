@@ -3,6 +3,7 @@
 #![no_main]
 
 use lobelia_firmware::Controller;
+use lobelia_lm3s6965::vitals;
 use lobelia_lm3s6965::{after_poll, now_us, options, set_up, sleep_until, start_interrupts, wake_steps};
 
 /// The controller is called at least this often, in µs, so that the emergency stop is seen.
@@ -22,6 +23,8 @@ fn main() -> ! {
         after_poll();
         #[cfg(feature = "qemu")]
         lobelia_lm3s6965::emulation::obey();
+        vitals::look();
+        controller.polled(now_us());
         sleep_until(controller.next_poll_us().min(now + LONGEST_SLEEP_US));
     }
 }

@@ -94,6 +94,8 @@ pub(crate) mod uart {
     pub(crate) const IM: Register = Register(0x4000_C038);
     pub(crate) const ICR: Register = Register(0x4000_C044);
 
+    /// In `DR`: bytes were lost before this one.
+    pub(crate) const OVERRUN: u32 = 1 << 11;
     /// In `FR`: nothing received.
     pub(crate) const RECEIVE_EMPTY: u32 = 1 << 4;
     /// In `FR`: no room to send.

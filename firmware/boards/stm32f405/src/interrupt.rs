@@ -2,7 +2,8 @@
 //! rings, TIM5 counts the time and makes the steps, SysTick ends the main loop's sleep.
 //!
 //! There is one clock. A processor that waits for its flash misses SysTick's interrupts, but TIM5 counts on; so the controller's time is
-//! TIM5's. Only under emulation, where TIM5 does not count as the chip's does and makes no steps either, it is SysTick's.
+//! TIM5's. Only under emulation, where TIM5 does not count as the chip's does, it is SysTick's, whose interrupt then makes the steps
+//! too, every [`PERIOD_US`].
 
 use core::cell::RefCell;
 
@@ -14,16 +15,20 @@ use lobelia_board_support::clock::Clock;
 #[cfg(not(feature = "qemu"))]
 use lobelia_board_support::clock::Extended;
 use lobelia_board_support::link::{Received, ToSend};
+use stm32f4xx_hal::nb;
 use stm32f4xx_hal::pac::{self, Interrupt, interrupt};
 use stm32f4xx_hal::prelude::*;
-use stm32f4xx_hal::serial::{Rx, RxListen, Tx, TxListen};
+use stm32f4xx_hal::serial::{Error, Rx, RxListen, Tx, TxListen};
 
 /// System clock, counts a µs. QEMU's SysTick counts at this rate whatever the clocks are set to.
 pub(crate) const TICKS_PER_US: u32 = 168;
-/// The clock's interrupt comes this often, in µs, and ends the main loop's sleep.
-const PERIOD_US: u32 = 1000;
-/// The clock's counter starts from this value.
-pub const CLOCK_RELOAD: u32 = Clock::<TICKS_PER_US, PERIOD_US>::RELOAD;
+/// SysTick's interrupt comes this often, in µs, and ends the main loop's sleep. Where it makes the steps, they are late by as much.
+const PERIOD_US: u32 = if cfg!(feature = "qemu") { 50 } else { 1000 };
+/// SysTick's counter starts from this value.
+const CLOCK_RELOAD: u32 = Clock::<TICKS_PER_US, PERIOD_US>::RELOAD;
+/// And from this one where instructions are counted by it.
+#[cfg(feature = "qemu")]
+pub const COUNTER_RELOAD: u32 = 0xFF_FFFF;
 
 #[cfg(feature = "qemu")]
 static CLOCK: Clock<TICKS_PER_US, PERIOD_US> = Clock::new();
@@ -37,11 +42,20 @@ static PORT: Mutex<RefCell<Option<Halves>>> = Mutex::new(RefCell::new(None));
 
 type Halves = (Tx<pac::USART2>, Rx<pac::USART2>);
 
-/// A millisecond's end.
+/// A period's end.
 #[cortex_m_rt::exception]
 fn SysTick() {
     #[cfg(feature = "qemu")]
-    CLOCK.period_over();
+    {
+        CLOCK.period_over();
+        make_steps();
+    }
+}
+
+/// Makes the steps that are due by SysTick's time.
+#[cfg(feature = "qemu")]
+fn make_steps() {
+    let _ = crate::steps::make(|| now_us() as u32);
 }
 
 #[interrupt]
@@ -67,8 +81,10 @@ fn USART2() {
 /// frame with it: the host repeats it.
 fn carry((tx, rx): &mut Halves) {
     // Read also where no byte has come: an overrun interrupts without one, and for ever until it is cleared by reading.
-    if let Ok(byte) = rx.read() {
-        let _ = RECEIVED.push(byte);
+    match rx.read() {
+        Ok(byte) if RECEIVED.push(byte) => {}
+        Ok(_) | Err(nb::Error::Other(Error::Overrun)) => crate::vitals::overrun(),
+        Err(_) => {}
     }
     if tx.is_tx_empty() {
         match TO_SEND.pop() {
@@ -150,6 +166,9 @@ pub(crate) fn start_step_timer(timer: &pac::TIM5, rcc: &mut stm32f4xx_hal::rcc::
 
 #[interrupt]
 fn TIM5() {
+    #[cfg(feature = "qemu")]
+    make_steps();
+    #[cfg(not(feature = "qemu"))]
     let _ = serve_steps(|now| now);
 }
 
@@ -188,6 +207,16 @@ pub(crate) fn start_clock(systick: &mut SYST) {
     systick.clear_current();
     systick.enable_counter();
     systick.enable_interrupt();
+}
+
+/// From now on SysTick counts as far as it can and interrupts no more.
+#[cfg(feature = "qemu")]
+pub fn count_far() {
+    // SAFETY: nothing else touches SysTick once it is started, but to read it.
+    let mut systick = unsafe { cortex_m::Peripherals::steal() }.SYST;
+    systick.disable_interrupt();
+    systick.set_reload(COUNTER_RELOAD);
+    systick.clear_current();
 }
 
 /// Rests until a time in µs or until a byte comes: awake for a millisecond at most, else asleep until the next interrupt.

@@ -26,19 +26,23 @@ mod shutter;
 #[path = "../../shared/steps.rs"]
 mod steps;
 #[cfg(not(feature = "qemu"))]
+mod supply;
+#[path = "../../shared/vitals.rs"]
+pub mod vitals;
+#[cfg(not(feature = "qemu"))]
 mod watchdog;
 
 use lobelia_board_support::link::{Received, RingLink, ToSend};
 #[cfg(feature = "qemu")]
 use lobelia_board_support::model;
-use lobelia_firmware::{AxisPins, Board, Options, Peripherals};
+use lobelia_firmware::{AxisPins, Board, Options, Peripherals, Vitals};
 use stm32f4xx_hal::gpio::{AnyPin, Edge, ExtiPin, Input, Pin};
 use stm32f4xx_hal::prelude::*;
 use stm32f4xx_hal::{pac, rcc, serial};
 
-pub use interrupt::{
-    CLOCK_RELOAD, now_us, rest_until, send_directly, serve_steps, start_interrupts, wake_steps,
-};
+#[cfg(feature = "qemu")]
+pub use interrupt::{COUNTER_RELOAD, count_far};
+pub use interrupt::{now_us, rest_until, send_directly, serve_steps, start_interrupts, wake_steps};
 pub use pins::{InputLine, OutputLine, StepPort, after_poll};
 
 /// The board's types.
@@ -172,8 +176,7 @@ pub fn set_up() -> Option<(Peripherals<Stm32f405>, Options<Stm32f405>)> {
         emergency_stop: Some(&pins::EMERGENCY_STOP),
         crash: kept::take_crash().or(reset),
         most_steps_per_s: Some(MOST_STEPS_PER_S),
-        #[cfg(feature = "qemu")]
-        bearable_late_us: 1_000_000,
+        vitals: cortex_m::singleton!(: BoardVitals = BoardVitals).map(|vitals| vitals as _),
         #[cfg(not(feature = "qemu"))]
         drivers: cortex_m::singleton!(: drivers::DriverWire = wire).map(|wire| wire as _),
         #[cfg(not(feature = "qemu"))]
@@ -213,12 +216,32 @@ pub fn set_up() -> Option<(Peripherals<Stm32f405>, Options<Stm32f405>)> {
         level.enable();
         // 21 MHz: more than 36 MHz it must not have.
         let adc = Adc::new(device.ADC1, true, AdcConfig::default().clock(Clock::Pclk2_div_4), &mut rcc);
+        supply::start();
         pac::DMA2::enable(&mut rcc);
         let ring = cortex_m::singleton!(: photodiode::Ring = [0; 2048])?;
         Some((lines.real(level, parts::Photodiode::new(adc, a.pa0.into_analog(), ring)), options))
     }
     #[cfg(feature = "qemu")]
     Some((lines.modelled(), options))
+}
+
+/// What the board can tell of itself.
+#[derive(Debug)]
+struct BoardVitals;
+
+impl Vitals for BoardVitals {
+    fn stack(&mut self) -> Option<[u32; 2]> {
+        vitals::stack()
+    }
+
+    fn overruns(&mut self) -> u32 {
+        vitals::overruns()
+    }
+
+    #[cfg(not(feature = "qemu"))]
+    fn supply_mv(&mut self) -> Option<u16> {
+        supply::millivolts()
+    }
 }
 
 /// All lines, in the order of the axes.

@@ -3,6 +3,7 @@
 #![no_main]
 
 use lobelia_firmware::Controller;
+use lobelia_stm32f405::vitals;
 use lobelia_stm32f405::{after_poll, now_us, rest_until, set_up, start_interrupts, wake_steps};
 
 #[cortex_m_rt::entry]
@@ -13,20 +14,13 @@ fn main() -> ! {
     #[cfg(feature = "qemu")]
     lobelia_stm32f405::emulation::start();
     loop {
-        if cfg!(feature = "qemu") {
-            // QEMU's timers don't count as the chip's do: this loop makes the steps instead of the interrupt.
-            controller.tick(now_us());
-        } else {
-            controller.poll(now_us());
-            wake_steps();
-        }
+        controller.poll(now_us());
+        wake_steps();
         after_poll();
         #[cfg(feature = "qemu")]
         lobelia_stm32f405::emulation::obey();
-        rest_until(if cfg!(feature = "qemu") {
-            controller.next_event_us()
-        } else {
-            controller.next_poll_us()
-        });
+        vitals::look();
+        controller.polled(now_us());
+        rest_until(controller.next_poll_us());
     }
 }

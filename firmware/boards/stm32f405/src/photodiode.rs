@@ -60,6 +60,8 @@ impl Photodiode {
             dma().st(STREAM).cr().write(|w| w.bits(0));
         }
         while dma().st(STREAM).cr().read().en().bit_is_set() {}
+        // On again, for the supply's conversions.
+        adc().cr2().write(|w| w.adon().set_bit());
     }
 }
 

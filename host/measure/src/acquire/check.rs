@@ -1,5 +1,5 @@
 //! Checks on the way that the axes have lost no steps: every so many poses, and after the last. Where they have, the poses since the last
-//! check are suspect, and a resumed run takes them again.
+//! check are suspect, and are taken again.
 
 use lobelia_protocol::Axis;
 
@@ -7,6 +7,10 @@ use super::Steps;
 use crate::rig::config::RigConfig;
 use crate::run::journal::Record;
 use lobelia_base::error::{Error, Result};
+use lobelia_base::progress;
+
+/// Suspect poses are taken again so often before the run ends: what makes an axis slip for good needs somebody to look.
+const MOST_AGAIN: usize = 1;
 
 /// How many poses the last check has found good.
 pub(super) fn checked(records: &[Record]) -> usize {
@@ -40,8 +44,9 @@ impl Steps<'_> {
         every > 0 && done > 0 && (done == self.run.plan.poses.len() || done.is_multiple_of(every))
     }
 
-    /// Looks for the home switches, and goes back to the last of so many poses.
-    pub(super) fn check(&mut self, done: usize) -> Result<()> {
+    /// Looks for the home switches, and goes back to the last of so many poses; gives the next pose to take. Where steps were lost, the rig is
+    /// homed and the poses since the last good check are taken again; twice in a row, and the run ends.
+    pub(super) fn check(&mut self, done: usize) -> Result<usize> {
         let lost_steps = self.station.client.check_index()?;
         let axes = self.run.rig.configuration()?.axes;
         let lost: Vec<_> = Axis::ALL
@@ -51,21 +56,32 @@ impl Steps<'_> {
             .map(|(axis, lost)| format!("{} by {lost} steps", axis.name()))
             .collect();
         if lost.is_empty() {
-            self.station.client.move_to(self.run.rig.steps(self.run.plan.poses[done - 1].degrees()))?;
+            self.go_to_pose(done - 1)?;
             let controller_us = self.station.clock_us()?;
             self.journal.append(&Record::Checked { poses: done, lost_steps, controller_us })?;
-            self.checked = done;
-            return Ok(());
+            (self.checked, self.again) = (done, 0);
+            return Ok(done);
         }
         let controller_us = self.station.clock_us()?;
         self.journal.append(&Record::Suspect { from: self.checked, lost_steps, controller_us })?;
-        Err(Error::failure(format!(
-            "a check found {} off, so some of the poses {} to {} were photographed elsewhere; find what blocks or slips, then \
-             `lobelia rig clear`, and acquire --resume takes these poses again",
+        let found = format!(
+            "a check found {} off, so some of the poses {} to {} were photographed elsewhere",
             lost.join(", "),
             self.checked,
             done - 1
-        )))
+        );
+        if self.again == MOST_AGAIN {
+            return Err(Error::failure(format!(
+                "{found}, after they were taken again; find what blocks or slips, then `lobelia rig clear`, and acquire --resume takes \
+                 these poses again"
+            )));
+        }
+        progress::note(&format!("{found}; the rig is homed and they are taken again"));
+        self.again += 1;
+        self.samples.retain(|(pose, _)| *pose < self.checked);
+        self.station.client.clear_faults()?;
+        self.station.client.home()?;
+        Ok(self.checked)
     }
 }
 

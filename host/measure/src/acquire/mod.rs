@@ -4,6 +4,8 @@
 
 use std::time::Duration;
 
+use lobelia_protocol::Health;
+
 use crate::develop::frame::{self, RawFrame};
 use crate::rig::PLUG_IN;
 use crate::warning::frames;
@@ -52,7 +54,7 @@ fn check_interrupt() -> Result<()> {
 /// Failures of the link, the rig, the camera or the disk. The journal holds what was done; `--resume` continues.
 pub fn run(run: &RunFolder, journal: &mut Journal, station: &mut Station) -> Result<Acquired> {
     let checked = check::checked(&run.records);
-    let mut steps = Steps { run, journal, station, samples: Vec::new(), checked };
+    let mut steps = Steps { run, journal, station, samples: Vec::new(), checked, again: 0 };
     if run.finished() {
         let controller_s = steps.last_us() as f64 / 1e6;
         return Ok(Acquired { poses: 0, controller_s, samples: Vec::new() });
@@ -83,6 +85,8 @@ struct Steps<'a> {
     samples: Vec<(usize, PoseSamples)>,
     /// Poses that the last check found good.
     checked: usize,
+    /// How often suspect poses were taken again since then.
+    again: usize,
 }
 
 impl Steps<'_> {
@@ -93,6 +97,11 @@ impl Steps<'_> {
         self.poses()?;
         self.station.rest()?;
         let controller_us = self.station.clock_us()?;
+        let Health { worst_late_us, longest_poll_us, stack, overruns, supply_mv } =
+            self.station.client.health()?;
+        let health =
+            Record::Health { worst_late_us, longest_poll_us, stack, overruns, supply_mv, controller_us };
+        self.journal.append(&health)?;
         self.journal.append(&Record::Finished { controller_us })
     }
 
@@ -222,30 +231,37 @@ impl Steps<'_> {
         let first = self.run.first_left();
         if first > 0 {
             // From the last pose on, everything happens as if the run had never been broken off.
-            self.station.client.move_to(self.run.rig.steps(self.run.plan.poses[first - 1].degrees()))?;
+            self.go_to_pose(first - 1)?;
             let time = self.last_us();
             self.catch_up(Some(time));
         }
-        // Broken off before its check.
-        if self.check_is_due(first) && self.checked < first {
-            self.check(first)?;
-        }
         let count = self.run.plan.poses.len();
         let bar = progress::bar("acquiring", (count - first) as u64, "poses");
-        for index in first..count {
+        let mut next = first;
+        // Broken off before its check.
+        if self.check_is_due(first) && self.checked < first {
+            next = self.check(first)?;
+        }
+        while next < count {
             check_interrupt()?;
-            self.pose(index).map_err(|error| error.at(format!("pose {index}")))?;
+            self.pose(next).map_err(|error| error.at(format!("pose {next}")))?;
             bar.advance(1);
-            if self.check_is_due(index + 1) {
-                self.check(index + 1)?;
+            next += 1;
+            if self.check_is_due(next) {
+                next = self.check(next)?;
             }
         }
         Ok(())
     }
 
+    fn go_to_pose(&mut self, index: usize) -> Result<()> {
+        let steps = self.run.rig.steps(self.run.plan.poses[index].degrees());
+        self.station.client.go_to(&self.run.rig.configuration()?, steps).map(|_| ())
+    }
+
     fn pose(&mut self, index: usize) -> Result<()> {
+        self.go_to_pose(index)?;
         let pose = &self.run.plan.poses[index];
-        self.station.client.move_to(self.run.rig.steps(pose.degrees()))?;
         let mut exposures = Vec::with_capacity(pose.exposures_s.len());
         for (number, &open_s) in pose.exposures_s.iter().enumerate() {
             let file = format!("frames/pose-{index:05}-{number}.tiff");

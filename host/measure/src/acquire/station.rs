@@ -69,7 +69,12 @@ impl Station {
     ///
     /// # Errors
     /// Failures of the rig; when no try gave a right photograph, with what was wrong with the last; on Ctrl-C.
-    pub(super) fn photograph(&mut self, config: &RigConfig, file: &Path, shot: &Shot<'_>) -> Result<Exposure> {
+    pub(super) fn photograph(
+        &mut self,
+        config: &RigConfig,
+        file: &Path,
+        shot: &Shot<'_>,
+    ) -> Result<Exposure> {
         let mut last = String::new();
         for attempt in 1..=TRIES {
             match self.try_shot(config, file, shot)? {

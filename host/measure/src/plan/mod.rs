@@ -134,6 +134,11 @@ impl Plan {
                     return refuse(format!("{name} at {deg}° is outside the rig's limits {min}° to {max}°"));
                 }
             }
+            if let Some(axes) = config.kept_out(pose.degrees()) {
+                return refuse(format!(
+                    "{axes} would be where they must not be together, see [[keep_out]] in the rig's file"
+                ));
+            }
             if !(1..=3).contains(&pose.exposures_s.len()) {
                 return refuse(format!("{} exposures, must be 1 to 3", pose.exposures_s.len()));
             }
@@ -163,6 +168,19 @@ mod tests {
         let path = folder.path().join("plan.toml");
         plan.write(&path).unwrap();
         assert_eq!(Plan::read(&path, &config).unwrap(), plan);
+
+        let mut apart = config.clone();
+        apart.axes.pan.home_order = 1;
+        apart.keep_out = vec![crate::rig::config::KeepOut {
+            first: crate::rig::config::AxisName::Pan,
+            first_deg: [plan.poses[5].pan_deg - 1.0, plan.poses[5].pan_deg + 1.0],
+            second: crate::rig::config::AxisName::Light,
+            second_deg: [plan.poses[5].light_deg - 1.0, plan.poses[5].light_deg + 1.0],
+        }];
+        let message = plan.validate(&apart).unwrap_err().to_string();
+        assert!(message.contains("pose 5") && message.contains("pan and light"), "{message}");
+        // A plan made for it keeps out of there.
+        make(&apart, Extent::Budget(12), true, 1).unwrap().validate(&apart).unwrap();
 
         let mut far = plan;
         far.poses[3].tilt_deg = 120.0;

@@ -10,10 +10,11 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
 use lobelia_protocol::{
-    AXES, Answer, Axis, Command, Configuration, CrashRecord, Event, Exposure, Fault, FaultReport, Hello,
-    HomingReport, Outcome, Refusal, Request, Status, ToController, ToHost, Verdict,
+    AXES, Answer, Axis, Command, Configuration, CrashRecord, Event, Exposure, Fault, FaultReport, Health,
+    Hello, HomingReport, Outcome, Refusal, Request, Status, ToController, ToHost, Verdict,
 };
 
+use crate::rig::config::keep_out;
 use crate::rig::explain;
 use crate::rig::keep_alive::{self, KeepAlive};
 use crate::rig::monitor;
@@ -154,7 +155,31 @@ impl RigClient {
             }
         }
         let axes = axes.try_into().map_err(|_| out_of_place())?;
-        Ok(Some(Configuration { axes, settings }))
+        let Answer::KeepOuts(keep_outs) = self.call(Command::ReadKeepOuts)? else {
+            return Err(out_of_place());
+        };
+        Ok(Some(Configuration { axes, settings, keep_outs }))
+    }
+
+    /// How well the controller keeps up.
+    pub fn health(&mut self) -> Result<Health> {
+        match self.call(Command::ReadHealth)? {
+            Answer::Health(health) => Ok(health),
+            _ => Err(out_of_place()),
+        }
+    }
+
+    /// Moves all axes as [`Self::move_to`] does, in as many moves as keep-outs want.
+    pub fn go_to(&mut self, configuration: &Configuration, steps: [i32; 4]) -> Result<[i32; 4]> {
+        if configuration.keep_outs.iter().all(Option::is_none) {
+            return self.move_to(steps);
+        }
+        let from = self.status()?.positions;
+        let mut positions = from;
+        for stop in keep_out::way(configuration, from, steps)? {
+            positions = self.move_to(stop)?;
+        }
+        Ok(positions)
     }
 
     /// Has the controller tell events from now on, see [`Self::listen`]: telemetry so often, if at all, and log lines.
@@ -448,7 +473,7 @@ impl RigClient {
             match event {
                 Event::Fault(report) => self.faults.push(report),
                 Event::Crashed(record) => self.crash = Some(record),
-                Event::Telemetry(_) | Event::Log(_) => {}
+                Event::Telemetry(_) | Event::Log(_) | Event::Migrated { .. } => {}
             }
             if self.events.len() == EVENTS {
                 self.events.pop_front();

@@ -11,9 +11,11 @@ use lobelia_base::{progress, toml_file};
 
 pub mod check;
 mod homing;
+pub mod keep_out;
 mod wiring;
 
 pub use homing::{End, Homing};
+pub use keep_out::{AxisName, KeepOut};
 pub use wiring::Wiring;
 
 /// The whole file.
@@ -38,6 +40,9 @@ pub struct RigConfig {
     pub wiring: Wiring,
     /// What the simulated rig does that a real one does by itself.
     pub simulator: Simulator,
+    /// Where two axes must not be together.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub keep_out: Vec<KeepOut>,
 }
 
 /// The four axes, in the protocol's order.
@@ -94,6 +99,10 @@ pub struct Axis {
     /// Whether the axis can turn round and round, so that moves go the shorter way. A turn has to be a whole number of steps.
     #[serde(default)]
     pub full_turn: bool,
+    /// How many whole turns an axis that turns round and round may be wound up beyond its limits, either way, counted from where it was
+    /// switched on: what its cables bear. Homing may wind it up by one more.
+    #[serde(default = "default_turns")]
+    pub most_turns: u8,
     /// Overshoot that takes up the backlash, so that every position is approached from below.
     pub take_up_deg: f64,
     /// Rest after a move before the rig counts as still.
@@ -160,6 +169,10 @@ fn default_alarm_debounce() -> u16 {
     50
 }
 
+fn default_turns() -> u8 {
+    1
+}
+
 fn default_switch() -> f64 {
     8.0
 }
@@ -177,6 +190,7 @@ impl Default for Axes {
             acceleration_deg_s2: 120.0,
             jerk_deg_s3: 1200.0,
             full_turn: false,
+            most_turns: default_turns(),
             take_up_deg: 0.5,
             settle_s: 0.2,
             repeatability_deg,
@@ -198,6 +212,7 @@ impl Default for Axes {
             acceleration_deg_s2: 40.0,
             jerk_deg_s3: 400.0,
             full_turn: false,
+            most_turns: default_turns(),
             take_up_deg: 0.2,
             settle_s: 0.3,
             repeatability_deg: 0.1411,
@@ -290,6 +305,7 @@ impl Axis {
             inverted: self.invert.iter().copied().collect(),
             alarm: self.alarm(),
             alarm_debounce_us: self.alarm_debounce_us,
+            most_turns: self.most_turns,
         })
     }
 }
@@ -701,6 +717,9 @@ impl RigConfig {
                 direction_setup_us: self.motion.direction_setup_us,
                 inverted: self.wiring.invert.iter().copied().collect(),
             },
+            keep_outs: self.keep_outs().ok_or_else(|| {
+                lobelia_base::Error::input("rig.toml: keep_out has a number beyond the controller's range")
+            })?,
         })
     }
 }

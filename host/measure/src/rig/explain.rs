@@ -61,6 +61,12 @@ pub(crate) fn refusal(refusal: Refusal) -> Error {
             "parameters can only be saved while the lamp is off, since writing them holds the controller up; \
              put the lamp out first",
         ),
+        Refusal::KeepOut { first, second } => Error::input(format!(
+            "{} and {} would come where they must not be together, at the target, on the way there or while one of them is homed; \
+             see [[keep_out]] in the rig's file, and move one after the other",
+            first.name(),
+            second.name()
+        )),
         Refusal::Stopped => Error::failure("the rig was stopped before it had finished"),
     }
 }
@@ -179,6 +185,7 @@ fn name(field: Field) -> &'static str {
         Field::LampTime => "the lamp's longest time",
         Field::Alarm => "the alarm input",
         Field::Wiring => "the inverted pins",
+        Field::KeepOut => "a keep-out",
     }
 }
 
@@ -211,6 +218,10 @@ fn range(field: Field) -> &'static str {
         Field::LampTime => "it has to be at least 1 s",
         Field::Alarm => "the board has no such input; say alarm = \"none\" for the axis",
         Field::Wiring => "there are some that it does not have",
+        Field::KeepOut => {
+            "it has to be of two axes that do not turn round and round, with different home_order, and that which is homed first has to be \
+             out of the other's way then"
+        }
         Field::Duration => "it has to be within the controller's shortest and longest exposure",
     }
 }
@@ -219,7 +230,7 @@ fn range(field: Field) -> &'static str {
 pub(crate) fn different_schema(reply: &HelloReply) -> Error {
     Error::input(format!(
         "the rig's controller speaks protocol version {} (schema {:016x}) and this program version {} (schema {:016x}); \
-         install matching firmware or the matching lobelia; nothing was moved",
+         install matching firmware or the matching lobelia; nothing was moved, and `lobelia rig safe` stops and darkens it all the same",
         reply.hello.version,
         reply.hello.schema,
         schema::VERSION,

@@ -106,7 +106,8 @@ pub fn motor_angles(config: &RigConfig, wi: DVec3, wo: DVec3) -> Option<MotorAng
     let axes = config.axes.in_order();
     let within =
         angles.to_degrees().iter().zip(axes).all(|(&deg, axis)| (axis.min_deg..=axis.max_deg).contains(&deg));
-    (exact && within).then_some(angles)
+    let apart = config.kept_out(angles.to_degrees()).is_none();
+    (exact && within && apart).then_some(angles)
 }
 
 /// Motor angles for light and camera infinitely far away.

@@ -9,6 +9,7 @@ mod keep_alive;
 pub mod monitor;
 pub mod port;
 pub mod replay;
+pub mod safe;
 pub mod status;
 #[cfg(test)]
 mod testing;

@@ -4,7 +4,7 @@ use lobelia_protocol::{AXES, Axis, CrashRecord, Event, Happening, LogLine, Statu
 
 use crate::rig::config::RigConfig;
 use crate::rig::explain;
-use crate::rig::status::{degrees, fault_name};
+use crate::rig::status::{degrees, fault_name, health};
 
 /// A line of the log: controller's time in s, and what happened.
 pub fn line(time_us: u64, what: &str) -> String {
@@ -17,7 +17,7 @@ pub fn time_us(event: &Event) -> Option<u64> {
         Event::Fault(report) => Some(report.at_us),
         Event::Telemetry(telemetry) => Some(telemetry.at_us),
         Event::Log(line) => Some(line.at_us),
-        Event::Crashed(_) => None,
+        Event::Crashed(_) | Event::Migrated { .. } => None,
     }
 }
 
@@ -31,6 +31,13 @@ pub fn event(event: &Event, now_us: u64, known: [bool; AXES], config: &RigConfig
         Event::Log(LogLine { at_us, what }) => return line(*at_us, &happening(what)),
         Event::Crashed(CrashRecord { cause, place }) => {
             let what = format!("the controller had crashed before it was started: {cause:?} at {place:#x}");
+            return line(now_us, &what);
+        }
+        Event::Migrated { from } => {
+            let what = format!(
+                "the controller's parameters were saved by an older program ({from:08x}), so new ones have their defaults; \
+                 look at them with `lobelia rig params` and save them anew"
+            );
             return line(now_us, &what);
         }
     };
@@ -54,7 +61,7 @@ fn telemetry(telemetry: &Telemetry, known: [bool; AXES], config: &RigConfig) -> 
     if telemetry.dropped > 0 {
         text += &format!(", events left out {}", telemetry.dropped);
     }
-    text
+    text + ", " + &health(&telemetry.health)
 }
 
 fn happening(what: &Happening) -> String {

@@ -2,7 +2,7 @@
 
 use std::fmt::Write;
 
-use lobelia_protocol::{Axis, Fault, LampStatus, Status};
+use lobelia_protocol::{Axis, Fault, Health, LampStatus, Status};
 
 use crate::rig::config::RigConfig;
 
@@ -21,6 +21,24 @@ pub fn text(status: &Status, config: &RigConfig) -> String {
     let _ = writeln!(text, "{:<11}{}", "lamp", lamp(&status.lamp));
     let _ = writeln!(text, "{:<11}{}", "faults", faults(status));
     let _ = writeln!(text, "{:<11}{}", "controller", controller(status));
+    text
+}
+
+/// How well the controller keeps up, in a line.
+pub fn health(health: &Health) -> String {
+    let mut text = format!("steps late by {} µs at most", health.worst_late_us);
+    if health.longest_poll_us > 0 {
+        let _ = write!(text, ", longest turn {} µs", health.longest_poll_us);
+    }
+    if let Some([used, of]) = health.stack {
+        let _ = write!(text, ", stack {used} of {of} bytes");
+    }
+    if health.overruns > 0 {
+        let _ = write!(text, ", {} bytes lost on receipt", health.overruns);
+    }
+    if let Some(millivolts) = health.supply_mv {
+        let _ = write!(text, ", supply {:.2} V", f64::from(millivolts) / 1e3);
+    }
     text
 }
 
@@ -139,6 +157,21 @@ controller busy, 2 waiting, parameters set, up for 1 h 02 min 03 s
         let faults = [Fault::LimitHit, Fault::EmergencyStop].into_iter().collect();
         let told = text(&Status { faults, emergency_stop: true, ..status() }, &RigConfig::default());
         assert!(told.contains("emergency stop, limit hit, (the emergency stop is pressed now)"), "{told}");
+    }
+
+    #[test]
+    fn health_tells_what_the_board_can_tell() {
+        let none = Health { worst_late_us: 12, ..Health::default() };
+        assert_eq!(health(&none), "steps late by 12 µs at most");
+        let all = Health {
+            longest_poll_us: 900,
+            stack: Some([9000, 28_672]),
+            overruns: 2,
+            supply_mv: Some(3312),
+            ..none
+        };
+        let told = "steps late by 12 µs at most, longest turn 900 µs, stack 9000 of 28672 bytes, 2 bytes lost on receipt, supply 3.31 V";
+        assert_eq!(health(&all), told);
     }
 
     #[test]

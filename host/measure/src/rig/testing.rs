@@ -144,6 +144,7 @@ pub(crate) fn fresh_ids() -> (impl FnMut(&mut ToController) + Send, impl FnMut(&
                 given.insert((request.session, *last), request.id);
                 request.id = *last;
             }
+            ToController::Safe(_) => {}
         }
     };
     let back = move |packet: &mut ToHost| {

@@ -75,6 +75,21 @@ pub enum Record {
         /// The controller's clock.
         controller_us: u64,
     },
+    /// How well the controller kept up until the run's end, the worst since it was started.
+    Health {
+        /// How late the latest step was, µs.
+        worst_late_us: u32,
+        /// How long the longest turn of its main loop took while axes moved, µs; 0 where it does not tell.
+        longest_poll_us: u32,
+        /// Bytes of its stack used, and that there are, where it can tell.
+        stack: Option<[u32; 2]>,
+        /// Bytes lost on receipt.
+        overruns: u32,
+        /// Its supply, mV, where it can tell.
+        supply_mv: Option<u16>,
+        /// The controller's clock.
+        controller_us: u64,
+    },
     /// The run is complete.
     Finished {
         /// The controller's clock.
@@ -93,6 +108,7 @@ impl Record {
             | Self::Pose { controller_us, .. }
             | Self::Checked { controller_us, .. }
             | Self::Suspect { controller_us, .. }
+            | Self::Health { controller_us, .. }
             | Self::Finished { controller_us } => Some(*controller_us),
         }
     }

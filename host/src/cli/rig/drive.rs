@@ -94,7 +94,7 @@ pub(super) fn move_axes(args: &MoveArgs, context: &mut Context) -> Result<()> {
     home_if_unknown(&mut client, args.home, context)?;
     let now = client.status()?.positions;
     let targets = targets(&config, wanted, now)?;
-    let positions = context.report.stage("move", || client.move_to(targets))?;
+    let positions = context.report.stage("move", || client.go_to(&config.configuration()?, targets))?;
     print_angles(&config, positions, |_| true);
     for (axis, steps) in Axis::ALL.into_iter().zip(positions) {
         context.report.figure(&format!("{}_deg", axis.name()), degrees(&config, axis, steps));

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use std::time::Duration;
 
 use clap::Args;
-use lobelia_protocol::{Axis, AxisParameters, Configuration, DriverParameters, Pin, Pins, Settings};
+use lobelia_protocol::{Axis, AxisParameters, Configuration, DriverParameters, KeepOut, Pin, Pins, Settings};
 
 use super::{Connection, Session};
 use crate::cli::{Context, seconds_of};
@@ -75,7 +75,8 @@ pub(super) fn status(args: &StatusArgs, context: &mut Context) -> Result<()> {
     let mut lines = 0;
     loop {
         let now = client.status()?;
-        let text = status::text(&now, &config);
+        let health = status::health(&client.health()?);
+        let text = format!("{}{:<11}{health}\n", status::text(&now, &config), "health");
         if live && lines > 0 {
             // Back to the first line, and clear from there.
             print!("\x1b[{lines}A\x1b[J");
@@ -189,6 +190,9 @@ pub(super) fn differences(ours: &Configuration, theirs: &Configuration) -> Vec<S
         compare(format!("{} alarm", axis.name()), "", alarm(ours), alarm(theirs));
         compare(format!("{} inverted", axis.name()), "", pins(ours.inverted), pins(theirs.inverted));
     }
+    for (ours, theirs) in ours.keep_outs.into_iter().zip(theirs.keep_outs) {
+        compare("keep_out".to_owned(), "", keep_out(ours), keep_out(theirs));
+    }
     for (ours, theirs) in settings(&ours.settings).into_iter().zip(settings(&theirs.settings)) {
         compare(ours.0.to_owned(), ours.1, ours.2, theirs.2);
     }
@@ -202,11 +206,19 @@ fn pins(pins: Pins) -> String {
     if names.is_empty() { "none".to_owned() } else { names.join(" ") }
 }
 
+/// A keep-out in words.
+fn keep_out(keep_out: Option<KeepOut>) -> String {
+    keep_out.map_or("none".to_owned(), |k| {
+        let part = |axis: Axis, [from, to]: [i32; 2]| format!("{} {from} to {to}", axis.name());
+        format!("{} with {}", part(k.first, k.first_steps), part(k.second, k.second_steps))
+    })
+}
+
 /// A row: what it is, its unit, and the number of an axis.
 type Row = (&'static str, &'static str, fn(&AxisParameters) -> i64);
 
 /// What the controller is told of each axis.
-const ROWS: [Row; 18] = [
+const ROWS: [Row; 19] = [
     ("min", "steps", |axis| axis.min_steps.into()),
     ("max", "steps", |axis| axis.max_steps.into()),
     ("max_speed", "steps/s", |axis| axis.max_speed.into()),
@@ -225,6 +237,7 @@ const ROWS: [Row; 18] = [
     ("home_debounce", "µs", |axis| axis.home_debounce_us.into()),
     ("index_tolerance", "steps", |axis| axis.index_tolerance.into()),
     ("alarm_debounce", "µs", |axis| axis.alarm_debounce_us.into()),
+    ("most_turns", "turns", |axis| axis.most_turns.into()),
 ];
 
 /// A driver's parameter: its name, its unit and its value.
@@ -265,6 +278,9 @@ pub(super) fn table(config: &RigConfig) -> Result<String> {
     for axis in Axis::ALL {
         let p = &configuration.axes[axis.index()];
         text += &format!("\n{:<6}alarm {:?}, inverted {}", axis.name(), p.alarm, pins(p.inverted));
+    }
+    for k in configuration.keep_outs.into_iter().filter(Option::is_some) {
+        text += &format!("\n{:<18}{:<10} {}", "keep_out", "steps", keep_out(k));
     }
     for (name, unit, value) in settings(&configuration.settings) {
         text += &format!("\n{name:<19}{unit:<9}{value:>10}");

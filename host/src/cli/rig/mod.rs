@@ -17,6 +17,7 @@ mod check;
 mod drive;
 mod light;
 mod look;
+mod safe;
 
 /// Arguments of `lobelia rig`.
 #[derive(Debug, Args)]
@@ -39,6 +40,8 @@ enum RigCommand {
     Expose(light::ExposeArgs),
     /// Clears the faults; the rig has to be homed afterwards
     Clear(drive::ClearArgs),
+    /// Stops and darkens a rig whose controller is of any version, and tells its state
+    Safe(safe::SafeArgs),
     /// Logs what happens on the rig, one line an event, with the controller's time
     Monitor(look::MonitorArgs),
     /// Prints what rig.toml tells the controller, in its steps, and where the controller has it otherwise
@@ -83,6 +86,7 @@ pub(super) fn run(args: &RigArgs, context: &mut Context) -> Result<()> {
         RigCommand::Lamp(args) => light::lamp(args, context),
         RigCommand::Expose(args) => light::expose(args, context),
         RigCommand::Clear(args) => drive::clear(args, context),
+        RigCommand::Safe(args) => safe::safe(args, context),
         RigCommand::Monitor(args) => look::monitor(args, context),
         RigCommand::Params(args) => look::params(args, context),
         RigCommand::Conformance(args) => check::conformance(args, context),

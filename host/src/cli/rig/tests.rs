@@ -152,3 +152,9 @@ fn parameters_are_a_table_with_a_column_an_axis() {
     let cells: Vec<_> = row.split_whitespace().collect();
     assert_eq!(cells, ["max_speed", "steps/s", "4651", "4651", "4651", "12500"]);
 }
+
+#[test]
+fn rig_is_made_safe_whatever_its_version() {
+    let report = rig("safe --port sim --stop --darken").unwrap();
+    assert_eq!((&report.figures["moving"], &report.figures["lamp"]), (&false.into(), &false.into()));
+}

@@ -4,12 +4,13 @@
 
 use cortex_m::peripheral::SYST;
 use lobelia_board_support::rates::{Counter, report};
-use lobelia_stm32f405::{CLOCK_RELOAD, rings, send_directly, serve_steps, set_up};
+use lobelia_stm32f405::{COUNTER_RELOAD, count_far, rings, send_directly, serve_steps, set_up};
 
 #[cortex_m_rt::entry]
 fn main() -> ! {
     let Some((peripherals, _)) = set_up() else { panic!("set up twice") };
-    let counter = Counter::new(SYST::get_current, CLOCK_RELOAD);
+    count_far();
+    let counter = Counter::new(SYST::get_current, COUNTER_RELOAD);
     let serve = |now| serve_steps(|_| now);
     report(peripherals, rings(), counter, spend, serve, send_directly);
     loop {

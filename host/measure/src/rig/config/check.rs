@@ -42,6 +42,7 @@ impl RigConfig {
             }
         }
         wiring::stranger(&self.wiring.invert, Pins::OF_RIG).map_err(|why| refused("wiring.invert", &why))?;
+        self.check_keep_outs().map_err(|why| refused("keep_out", &why))?;
         self.check_camera()?;
         self.check_tags()
     }

@@ -6,7 +6,7 @@ use std::time::Duration;
 
 use lobelia_protocol::{
     AXES, Answer, Command, Configuration, Event, Hello, HelloReply, Outcome, Refusal, Request, Response,
-    Status, ToController, ToHost,
+    SafeCommand, SafeState, Status, ToController, ToHost,
 };
 
 use crate::rig::client::new_session;
@@ -100,6 +100,20 @@ impl Bench {
             }
         }
         Err(Trouble::Wrong("no reply to a hello".to_owned()))
+    }
+
+    /// Asks in the words of every version.
+    pub(super) fn safe(&mut self, command: SafeCommand) -> Result<SafeState> {
+        for _ in 0..REPETITIONS {
+            self.wire.send(&ToController::Safe(command))?;
+            while let Some(packet) = self.wire.receive(PATIENCE)? {
+                match packet {
+                    ToHost::Safe(state) if state.command == command => return Ok(state),
+                    packet => self.keep(Some(packet)),
+                }
+            }
+        }
+        Err(Trouble::Wrong(format!("no answer to {command:?}")))
     }
 
     /// The next request, not sent.

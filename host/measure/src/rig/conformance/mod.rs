@@ -61,6 +61,12 @@ pub fn run(
     strike_lamp: bool,
     mut tell: impl FnMut(&Check),
 ) -> Result<Vec<Check>> {
+    if configuration.keep_outs.iter().any(Option::is_some) {
+        return Err(Error::input(
+            "the checks move all axes at once from limit to limit, through what [[keep_out]] in the rig's file forbids; \
+             take the arms off and give a file without it",
+        ));
+    }
     let mut bench = Bench::new(port, *configuration);
     bench.open().map_err(|trouble| match trouble {
         Trouble::Link(error) => error,

@@ -2,7 +2,9 @@
 
 use std::time::Duration;
 
-use lobelia_protocol::{AXES, Answer, Axis, Command, Fault, Outcome, Refusal, Status};
+use lobelia_protocol::{
+    AXES, Answer, Axis, Command, Fault, HomeDirection, KeepOut, Outcome, Refusal, Status,
+};
 
 use super::Script;
 use super::bench::{Bench, LOOK, Result, Trouble, ensure, same};
@@ -32,6 +34,7 @@ pub(super) const CHECKS: &[(&str, Script)] = &[
     ("a new session ends the move of the one before", takeover),
     ("a host that falls silent ends its move by the lease, with positions known", lease),
     ("an index check finds no lost steps", check_index),
+    ("a target in a keep-out is refused with both axes, and moves nothing", keep_out),
 ];
 
 fn home(bench: &mut Bench) -> Result<()> {
@@ -253,4 +256,48 @@ fn check_index(bench: &mut Bench) -> Result<()> {
         })?;
     }
     same("known axes", &[true; AXES], &bench.status()?.known)
+}
+
+/// Two axes whose far halves exclude each other.
+fn keep_out(bench: &mut Bench) -> Result<()> {
+    bench.settle()?;
+    let configuration = bench.configuration;
+    let straight = |axis: &Axis| configuration.axes[axis.index()].full_turn_steps == 0;
+    let mut axes = Axis::ALL.into_iter().filter(straight);
+    // Where all but one turn round and round there is nothing to keep apart.
+    let (Some(first), Some(second)) = (axes.next(), axes.last()) else { return Ok(()) };
+    let away = |axis: Axis| {
+        let p = &configuration.axes[axis.index()];
+        let middle = i32::midpoint(p.min_steps, p.max_steps);
+        match p.home_direction {
+            HomeDirection::Negative => [middle, p.max_steps],
+            HomeDirection::Positive => [p.min_steps, middle],
+        }
+    };
+    let mut other = configuration;
+    other.keep_outs[0] =
+        Some(KeepOut { first, first_steps: away(first), second, second_steps: away(second) });
+    (other.axes[first.index()].home_order, other.axes[second.index()].home_order) = (0, 1);
+    bench.configure(&other)?;
+    bench.done(Command::Home)?;
+    let mut near = bench.part_way(0.5);
+    for axis in [first, second] {
+        let p = &other.axes[axis.index()];
+        let [from, to] = away(axis);
+        // A quarter of the travel on the switch's side, and the far end.
+        near[axis.index()] = if from > p.min_steps {
+            p.min_steps + (from - p.min_steps) / 2
+        } else {
+            p.max_steps - (p.max_steps - to) / 2
+        };
+    }
+    bench.move_to(near)?;
+    let mut inside = near;
+    for axis in [first, second] {
+        let [from, to] = away(axis);
+        inside[axis.index()] = i32::midpoint(from, to);
+    }
+    bench.refused(Command::MoveTo(inside), Refusal::KeepOut { first, second })?;
+    same("positions", &near, &bench.status()?.positions)?;
+    bench.configure(&configuration)
 }

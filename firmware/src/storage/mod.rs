@@ -5,12 +5,15 @@
 //! | | identity of the parameters' schema, low half | sequence | length | parameters, postcard | CRC-32 of all before |
 //!
 //! Only the older slot is ever erased and written, its checksum last. So after a cut at any byte the newer one still stands, or the
-//! new one does; never half of one. Numbers are little-endian. Parameters outlive an update of the program that leaves them as they are.
+//! new one does; never half of one. Numbers are little-endian. Parameters outlive an update of the program that leaves them as they are, and
+//! one that adds some, which then have their defaults ([`layouts`]).
+
+mod layouts;
 
 use lobelia_protocol::{Configuration, packet, schema};
 
 /// Bytes that a slot needs.
-pub const SLOT_BYTES: usize = 512;
+pub const SLOT_BYTES: usize = 640;
 const HEADER: usize = 10;
 const CHECKSUM: usize = 4;
 
@@ -28,8 +31,11 @@ pub trait Storage {
 struct Record {
     sequence: u32,
     configuration: Configuration,
+    /// Low half of the identity of an older layout, if it was written in one.
+    older: Option<u32>,
 }
 
+#[inline(never)]
 fn read_slot(storage: &mut dyn Storage, slot: usize) -> Option<Record> {
     let mut bytes = [0; SLOT_BYTES];
     if !storage.read(slot, &mut bytes) {
@@ -40,13 +46,17 @@ fn read_slot(storage: &mut dyn Storage, slot: usize) -> Option<Record> {
     let (length, _) = rest.split_first_chunk::<2>()?;
     let end = HEADER + usize::from(u16::from_le_bytes(*length));
     let (record, checksum) = (bytes.get(..end)?, bytes.get(end..end + CHECKSUM)?);
-    if u32::from_le_bytes(*identity) != schema::PARAMETERS as u32
-        || packet::checksum(record).to_le_bytes() != *checksum
-    {
+    if packet::checksum(record).to_le_bytes() != *checksum {
         return None;
     }
-    let configuration = packet::read_configuration(&record[HEADER..])?;
-    Some(Record { sequence: u32::from_le_bytes(*sequence), configuration })
+    let (identity, parameters) = (u32::from_le_bytes(*identity), &record[HEADER..]);
+    let (configuration, older) = if identity == schema::PARAMETERS as u32 {
+        (packet::read_configuration(parameters)?, None)
+    } else {
+        let layout = layouts::OLDER.iter().find(|layout| layout.identity == identity)?;
+        (layouts::read(layout, parameters)?, Some(identity))
+    };
+    Some(Record { sequence: u32::from_le_bytes(*sequence), configuration, older })
 }
 
 /// The slot that holds what was saved last, and that record.
@@ -67,7 +77,13 @@ fn newest(storage: &mut dyn Storage) -> Option<(usize, Record)> {
 
 /// What was saved last.
 pub fn load(storage: &mut dyn Storage) -> Option<Configuration> {
-    newest(storage).map(|(_, record)| record.configuration)
+    load_any(storage).map(|(configuration, _)| configuration)
+}
+
+/// The same, and low half of the identity of the older layout that it was saved in, if it was.
+#[inline(never)]
+pub fn load_any(storage: &mut dyn Storage) -> Option<(Configuration, Option<u32>)> {
+    newest(storage).map(|(_, record)| (record.configuration, record.older))
 }
 
 /// Saves; false when it failed, and what was saved before still stands.
