@@ -57,7 +57,10 @@ impl Steps<'_> {
             .into_iter()
             .map(|axis| (axis, lost_steps[axis.index()]))
             .filter(|(axis, lost)| lost.unsigned_abs() > axes[axis.index()].index_tolerance.into())
-            .map(|(axis, lost)| format!("{} by {lost} steps", axis.name()))
+            .map(|(axis, lost)| {
+                let by = if lost.abs() == 1 { "step" } else { "steps" };
+                format!("{} by {lost} {by}", axis.name())
+            })
             .collect();
         if lost.is_empty() {
             self.station.client.move_to(self.run.rig.steps(self.run.plan.poses[done - 1].degrees()))?;

@@ -108,7 +108,7 @@ fn same_run(args: &AcquireArgs, run: &RunFolder, seed: Option<u64>) -> Result<()
         Err(Error::input(format!("{}: {message}", path.display())))
     };
     if let Some(path) = &args.rig {
-        let mut rig = RigConfig::read(path)?;
+        let mut rig = RigConfig::read_recorded(path)?;
         // --seed may have given the run another.
         rig.simulator.seed = own;
         if rig != run.rig {
@@ -135,7 +135,7 @@ fn read_inputs(args: &AcquireArgs, context: &mut Context) -> Result<(Plan, RigCo
     }
     context.report.input(rig_path);
     context.report.input(plan_path);
-    args.material.iter().for_each(|path| context.report.input(path));
+    args.material.iter().for_each(|path| context.input_with_parts(path));
     Ok((plan, rig))
 }
 
