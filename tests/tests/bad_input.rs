@@ -295,6 +295,15 @@ fn an_output_that_cannot_be_written_is_told_before_the_work_and_a_folder_that_is
     refused(path, &["render", "studio-ball", "-o", "maps/of/it.exr/x.png"], 1, &["it.exr is no folder"]);
 }
 
+/// What lies on a real carrier is no file's to say.
+#[test]
+fn a_material_goes_with_the_simulated_camera_alone() {
+    let (folder, _) = inputs();
+    fs::write(folder.path().join("m.toml"), "").unwrap();
+    let real = ["--port", "tcp://localhost:1", "--camera", "watch:.", "--material", "m.toml"];
+    acquire(folder.path(), &real).refuses(2, &["--material is what the simulated camera sees"]);
+}
+
 /// A scene of one mesh, a few pixels.
 fn scene(folder: &Path, name: &str, object: &str) {
     let text = format!(

@@ -150,6 +150,9 @@ fn connect(args: &AcquireArgs, material: Option<&Path>, rig: &RigConfig) -> Resu
         ("sim", _) | (_, "sim") => Err(Error::input(
             "--port sim and --camera sim go together: the simulated camera sees the simulated rig",
         )),
+        _ if args.material.is_some() => Err(Error::input(
+            "--material is what the simulated camera sees; with another camera leave it out",
+        )),
         (port, camera) => {
             let folder = camera.strip_prefix("watch:").unwrap_or(camera);
             let timeout = seconds_of("--camera-timeout-s", args.camera_timeout_s, 0.0)?;
