@@ -5,8 +5,9 @@
 use std::fs;
 use std::path::Path;
 
+use lobelia::reflectance::SbrdfMap;
 use lobelia::rig::config::RigConfig;
-use lobelia_tests::command::{Said, run, succeed};
+use lobelia_tests::command::{Said, root, run, succeed};
 use lobelia_tests::{folder, small};
 
 const SIMULATED: [&str; 4] = ["--port", "sim", "--camera", "sim"];
@@ -292,6 +293,92 @@ fn an_output_that_cannot_be_written_is_told_before_the_work_and_a_folder_that_is
     refuse("develop run -o sampled.zarr --report /proc/lobelia/report.json");
     refused(path, &["develop", "run", "-o", "file"], 2, &["file", "no sampled SBRDF"]);
     refused(path, &["render", "studio-ball", "-o", "maps/of/it.exr/x.png"], 1, &["it.exr is no folder"]);
+}
+
+/// What lies on a real carrier is no file's to say.
+#[test]
+fn a_material_goes_with_the_simulated_camera_alone() {
+    let (folder, _) = inputs();
+    fs::write(folder.path().join("m.toml"), "").unwrap();
+    let real = ["--port", "tcp://localhost:1", "--camera", "watch:.", "--material", "m.toml"];
+    acquire(folder.path(), &real).refuses(2, &["--material is what the simulated camera sees"]);
+}
+
+/// A scene of one mesh, a few pixels.
+fn scene(folder: &Path, name: &str, object: &str) {
+    let text = format!(
+        "[camera]\nposition = [0, 1, 6]\ntarget = [0, 0, 0]\nfov_deg = 40\nwidth = 8\nheight = 6\n\
+         [[light]]\nkind = \"directional\"\ntoward = [1, 1, 1]\nirradiance = [3, 3, 3]\n[[object]]\n{object}\n"
+    );
+    fs::write(folder.join(name), text).unwrap();
+}
+
+const TRACED: [&str; 6] = ["--method", "reference", "--samples", "1", "-o", "a.png"];
+
+/// Lines and points are no surfaces; what is not drawn is told by its file.
+#[test]
+fn what_of_a_mesh_is_no_surface_is_told_to_be_left_out() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path();
+    let cases = root().join("tests/cases");
+    let text = fs::read_to_string(cases.join("gltf/modes.gltf")).unwrap();
+    let mut document: serde_json::Value = serde_json::from_str(&text).unwrap();
+    let primitives = document["meshes"][0]["primitives"].as_array_mut().unwrap();
+    let mut line = primitives[0].clone();
+    line["mode"] = 1.into();
+    primitives.push(line);
+    fs::write(path.join("mix.gltf"), document.to_string()).unwrap();
+    fs::copy(cases.join("gltf/modes.gltf"), path.join("whole.gltf")).unwrap();
+    fs::copy(cases.join("obj/polyline.obj"), path.join("mix.obj")).unwrap();
+    for (mesh, told) in [
+        ("mix.gltf", "mix.gltf: left out as no surface: 1 primitive of points or lines\n"),
+        ("mix.obj", "mix.obj: left out as no surface: 1 point, line or curved surface\n"),
+        ("whole.gltf", ""),
+    ] {
+        scene(path, "scene.toml", &format!("mesh = \"{mesh}\""));
+        let said = run(path, &[&["render", "scene.toml"], &TRACED[..]].concat());
+        assert_eq!(said.code, Some(0), "{said:?}");
+        assert_eq!(said.stderr.contains("left out"), !told.is_empty(), "{}", said.stderr);
+        assert!(said.stderr.contains(told), "{}", said.stderr);
+    }
+}
+
+/// Rays meet triangles in single precision, in which the volumes of such a sphere are infinite: the picture would never end.
+#[test]
+fn an_object_larger_than_can_be_drawn_and_values_of_another_kind_are_refused_in_words() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path();
+    for (object, parts) in [
+        ("mesh = \"sphere\"\nscale = [1e20, 1e20, 1e20]", &["reaches", "less than 1e12"][..]),
+        ("mesh = \"sphere\"\ntranslate = [0, 1e25, 0]", &["scene.toml"]),
+        ("mesh = \"sphere\"\nscale = 3", &["expected a list of 3 numbers"]),
+    ] {
+        scene(path, "scene.toml", object);
+        run(path, &[&["render", "scene.toml"], &TRACED[..]].concat()).refuses(2, parts);
+    }
+    assert!(!path.join("a.png").exists());
+}
+
+/// The hashes of all that a picture is made of, or two reports could not be told apart.
+#[test]
+fn a_pictures_report_has_the_files_that_its_scene_is_made_of() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path();
+    let cases = root().join("tests/cases/gltf");
+    fs::copy(cases.join("percent.gltf"), path.join("percent.gltf")).unwrap();
+    fs::copy(cases.join("Box With Spaces.bin"), path.join("Box With Spaces.bin")).unwrap();
+    SbrdfMap::new(2, 1, 1).write_exr(&path.join("m.exr")).unwrap();
+    SbrdfMap::new(1, 1, 1).write_exr(&path.join("m.mip1.exr")).unwrap();
+    scene(path, "scene.toml", "mesh = \"percent.gltf\"\nmaterial = { map = \"m.exr\" }");
+    succeed(path, &[&["render", "scene.toml", "--report", "r.json"], &TRACED[..]].concat());
+    let report: serde_json::Value = serde_json::from_slice(&fs::read(path.join("r.json")).unwrap()).unwrap();
+    let inputs = report["inputs"].as_array().unwrap();
+    let mut names: Vec<&str> = inputs.iter().filter_map(|input| input["path"].as_str()).collect();
+    names.sort_unstable();
+    assert_eq!(names, ["Box With Spaces.bin", "m.exr", "m.mip1.exr", "percent.gltf", "scene.toml"]);
+    assert!(inputs.iter().all(|input| input["sha256"].as_str().is_some_and(|hash| hash.len() == 64)));
+    let over = ["render", "scene.toml", "-o", "m.mip1.exr", "--method", "reference"];
+    run(path, &over).refuses(2, &["m.mip1.exr", "name another file"]);
 }
 
 #[test]

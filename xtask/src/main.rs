@@ -13,7 +13,7 @@ use anyhow::{Result, bail};
 
 const HELP: &str = "cargo xtask TASK
 
-  test    formatting, clippy, documentation, and all unit, property, end-to-end and doc tests
+  test    formatting, clippy, documentation, and all unit, property, end-to-end and doc tests; tells what each step took
   long    the long sweeps that `test` leaves out
   firmware [--board lm3s6965|stm32f405] [--update] [--rates]
           builds the boards' programs with clippy, prints and checks their sizes (--update renews the snapshot);
@@ -100,10 +100,12 @@ fn link_table() -> Result<()> {
 /// Runs cargo with some arguments and environment, telling what for.
 fn step(name: &str, arguments: &[&str], environment: &[(&str, &str)]) -> Result<()> {
     println!("xtask: {name}: cargo {}", arguments.join(" "));
+    let start = Instant::now();
     let cargo = std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into());
     let status = Command::new(cargo).args(arguments).envs(environment.iter().copied()).status()?;
     if !status.success() {
         bail!("{name} failed ({status})");
     }
+    println!("xtask: {name} took {:.0} s", start.elapsed().as_secs_f64());
     Ok(())
 }

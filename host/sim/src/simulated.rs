@@ -254,6 +254,20 @@ pub fn station_of(
     Ok(Station::simulated(client, Box::new(camera), Box::new(RigClock(rig.clone()))))
 }
 
+/// Asks the firmware whether a controller takes a rig's numbers, before anything is planned or done with them. Drivers are left out: which
+/// there are is the board's.
+///
+/// # Errors
+/// An input error that names the number.
+pub fn accepts(config: &RigConfig) -> Result<()> {
+    let mut bare = config.clone();
+    for axis in [&mut bare.axes.pan, &mut bare.axes.tilt, &mut bare.axes.roll, &mut bare.axes.light] {
+        axis.driver = None;
+    }
+    let rig = SimulatedRig::new(&mechanics(&bare));
+    RigClient::connect(Box::new(rig.link()))?.configure(&bare.configuration()?)
+}
+
 /// The simulated mechanics and lamp that `rig.toml` describes.
 pub fn mechanics(config: &RigConfig) -> MechanicsConfig {
     let simulator = &config.simulator;
@@ -265,7 +279,7 @@ pub fn mechanics(config: &RigConfig) -> MechanicsConfig {
             backlash_deg: simulator.backlash_deg[k],
             limits_deg: [axis.min_deg, axis.max_deg],
             home_switch_deg: axis.home_deg,
-            stops_deg: [axis.home_deg - 5.0, axis.max_deg + 10.0],
+            stops_deg: [axis.home_deg - axis.home_switch_deg, axis.max_deg + 10.0],
             start_deg: 0.5 * (axis.min_deg + axis.max_deg),
             max_speed_deg_s: axis.max_speed_deg_s,
             acceleration_deg_s2: axis.acceleration_deg_s2,

@@ -110,7 +110,7 @@ fn same_run(args: &AcquireArgs, run: &RunFolder, seed: Option<u64>) -> Result<()
         Err(Error::input(format!("{}: {message}", path.display())))
     };
     if let Some(path) = &args.rig {
-        let mut rig = RigConfig::read(path)?;
+        let mut rig = RigConfig::read_recorded(path)?;
         // --seed may have given the run another.
         rig.simulator.seed = own;
         if rig != run.rig {
@@ -137,7 +137,7 @@ fn read_inputs(args: &AcquireArgs, context: &mut Context) -> Result<(Plan, RigCo
     }
     context.report.input(rig_path);
     context.report.input(plan_path);
-    args.material.iter().for_each(|path| context.report.input(path));
+    args.material.iter().for_each(|path| context.input_with_parts(path));
     Ok((plan, rig))
 }
 
@@ -151,6 +151,9 @@ fn connect(args: &AcquireArgs, material: Option<&Path>, rig: &RigConfig) -> Resu
         ("sim", "sim") => simulated(material, rig),
         ("sim", _) | (_, "sim") => Err(Error::input(
             "--port sim and --camera sim go together: the simulated camera sees the simulated rig",
+        )),
+        _ if args.material.is_some() => Err(Error::input(
+            "--material is what the simulated camera sees; with another camera leave it out",
         )),
         (port, camera) => {
             let folder = camera.strip_prefix("watch:").unwrap_or(camera);

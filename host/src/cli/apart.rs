@@ -10,6 +10,8 @@ use clap::{ArgMatches, Command};
 use crate::acquire::{PLAN_FILE, RIG_FILE, journal};
 use crate::error::{Error, Result};
 use crate::files;
+use crate::fit::mip;
+use crate::scene::Mesh;
 
 /// Arguments that name what is written, whatever the command.
 const WRITTEN: [&str; 5] = ["output", "out", "report", "variance", "record"];
@@ -59,7 +61,7 @@ pub(super) fn check(command: &Command, matches: &ArgMatches) -> Result<()> {
                     output.argument
                 )));
             }
-            for part in in_toml(&input.path).into_iter().filter(|part| files::same(part, &output.path)) {
+            for part in made_of(&input.path).into_iter().filter(|part| files::same(part, &output.path)) {
                 return Err(refused(format!(
                     "{}: {} reads it and {} would write over it",
                     part.display(),
@@ -136,8 +138,18 @@ fn inside(folder: &Path) -> Vec<PathBuf> {
     Vec::new()
 }
 
+/// The files that a scene or a material names, and those that are read with them: a map's MIP levels, a glTF document's buffers.
+pub(super) fn made_of(path: &Path) -> Vec<PathBuf> {
+    let beside = |named: &Path| match files::ending(named).as_str() {
+        "exr" => (1..).map(|level| mip::path(named, level)).take_while(|file| file.is_file()).collect(),
+        "gltf" => Mesh::gltf_buffers(named),
+        _ => Vec::new(),
+    };
+    in_toml(path).into_iter().flat_map(|named| std::iter::once(named.clone()).chain(beside(&named))).collect()
+}
+
 /// The files that a TOML file, a scene or a material, names beside it.
-pub(super) fn in_toml(path: &Path) -> Vec<PathBuf> {
+fn in_toml(path: &Path) -> Vec<PathBuf> {
     fn strings(value: &toml::Value, found: &mut Vec<String>) {
         match value {
             toml::Value::String(text) => found.push(text.clone()),

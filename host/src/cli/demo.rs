@@ -52,7 +52,7 @@ pub(super) fn run(args: &DemoArgs, context: &mut Context) -> Result<()> {
     };
     // Before an earlier demo is removed.
     settings.check()?;
-    args.material.iter().for_each(|path| context.report.input(path));
+    args.material.iter().for_each(|path| context.input_with_parts(path));
     files::try_folder(&args.out)?;
     let run = args.out.join("run");
     let is_in_run = |path: &PathBuf| path.ancestors().any(|folder| files::same(folder, &run));

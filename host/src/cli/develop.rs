@@ -83,7 +83,7 @@ impl DevelopArgs {
         let rig = match (&self.rig, self.set.is_empty()) {
             (None, true) => None,
             (None, false) => Some(RunFolder::open(&self.run)?.rig.with_settings(&self.set)?),
-            (Some(other), _) => Some(RigConfig::read(other)?.with_settings(&self.set)?),
+            (Some(other), _) => Some(RigConfig::read_recorded(other)?.with_settings(&self.set)?),
         };
         let mut texts = Attributes::new();
         if let Some(rig) = &rig {

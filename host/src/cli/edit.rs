@@ -243,7 +243,9 @@ fn run_cluster(args: &ClusterArgs, context: &mut Context) -> Result<()> {
     let clusters = context.report.stage("cluster", || cluster::cluster(&map, args.count, seed))?;
     computed(&map, &args.map, clusters.relative + clusters.relative_of_texels)?;
     let whole = clusters.index.len() as f64;
-    let share = |&count: &usize| format!("{count} texels, {:.1} %", 100.0 * count as f64 / whole);
+    let share = |&count: &usize| {
+        format!("{}, {:.1} %", counted(count as u64, "texel", "texels"), 100.0 * count as f64 / whole)
+    };
     let notes: Vec<String> = clusters.count.iter().map(share).collect();
     let entries = palette::with_swatches(clusters.palette);
     files::write_bytes(&args.output, palette::to_toml(&entries, &notes).as_bytes())?;
@@ -275,7 +277,12 @@ fn run_palette(args: &PaletteArgs, encoding: MapEncoding, context: &mut Context)
     context.report.input(&args.index);
     let entries = palette::read(&args.palette)?;
     let map = palette::apply(&args.index, &entries)?;
-    finish(map, &format!("palette of {} BRDFs", entries.len()), (&args.output, encoding), context)
+    finish(
+        map,
+        &format!("palette of {}", counted(entries.len() as u64, "BRDF", "BRDFs")),
+        (&args.output, encoding),
+        context,
+    )
 }
 
 fn run_mean(args: &MeanArgs, encoding: MapEncoding, context: &mut Context) -> Result<()> {
@@ -397,7 +404,7 @@ fn run_tile(args: &TileArgs, encoding: MapEncoding, context: &mut Context) -> Re
     );
     finish(
         tile.map,
-        &format!("tileable by a seam in an overlap of {overlap} texels"),
+        &format!("tileable by a seam in an overlap of {}", counted(overlap as u64, "texel", "texels")),
         (&args.output, encoding),
         context,
     )
@@ -517,7 +524,7 @@ mod tests {
             ("mean small.exr --mask mask.png -o o.exr", "mask.png has 8 × 6"),
             ("composite a.exr small.exr --mask mask.png -o o.exr", "small.exr has 1 × 1"),
             ("composite small.exr small.exr --mask mask.png -o o.exr", "mask.png has 8 × 6"),
-            ("tile small.exr -o o.exr", "overlap of 1 texels"),
+            ("tile small.exr -o o.exr", "overlap of 1 texel was"),
             ("tile a.exr -o o.png", "must end in .exr"),
             ("mean none.exr -o o.exr", "none.exr: cannot be read"),
             ("mean mask.png -o o.exr", "mask.png: not a readable OpenEXR"),

@@ -156,6 +156,12 @@ impl Context {
         }
     }
 
+    /// Notes a scene or a material as an input, with the files that it is made of.
+    fn input_with_parts(&mut self, path: &Path) {
+        self.report.input(path);
+        apart::made_of(path).iter().for_each(|part| self.report.input(part));
+    }
+
     /// Notes a run as an input: its journal, plan and rig.
     fn run_input(&mut self, run: &Path) {
         [journal::FILE_NAME, PLAN_FILE, RIG_FILE].iter().for_each(|name| self.report.input(&run.join(name)));

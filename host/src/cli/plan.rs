@@ -58,6 +58,9 @@ pub(super) fn run(args: &PlanArgs, context: &mut Context) -> Result<()> {
     files::try_file(&args.output)?;
     let rig = RigConfig::read(&args.rig)?;
     context.report.input(&args.rig);
+    // What the controller would refuse is told now, not when the plan is to be run.
+    #[cfg(feature = "sim")]
+    crate::acquire::simulated::accepts(&rig).map_err(|error| error.at(args.rig.display()))?;
     let seed = context.seed;
     let extent = args.extent.extent();
     let plan = context.report.stage("plan", || plan::make(&rig, extent, !args.anisotropic, seed))?;

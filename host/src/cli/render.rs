@@ -42,9 +42,9 @@ pub(super) struct RenderArgs {
     /// that meets it and judges its picture by the reference; `reference` stops by its pixels' variance
     #[arg(long, value_name = "E")]
     pub(super) max_error: Option<f64>,
-    /// Reflections a path of the reference at most; 1 leaves interreflection out
-    #[arg(long, default_value_t = 64, value_parser = clap::value_parser!(u32).range(1..=1024))]
-    pub(super) bounces: u32,
+    /// Reflections a path of the reference at most; 1 leaves interreflection out [default: 64]
+    #[arg(long, value_parser = clap::value_parser!(u32).range(1..=1024))]
+    pub(super) bounces: Option<u32>,
     /// Writes the variance of every pixel's mean, which the reference estimates
     #[arg(long, value_name = "FILE.exr")]
     pub(super) variance: Option<PathBuf>,
@@ -116,8 +116,30 @@ impl RenderArgs {
             samples: self.samples.unwrap_or(if budget { 1 << 20 } else { 64 }),
             seconds: self.seconds,
             max_error: self.max_error,
-            bounces: self.bounces,
+            bounces: self.bounces.unwrap_or(reference::Settings::default().bounces),
             seed,
+        }
+    }
+
+    /// Refuses what a method that is named would not look at.
+    fn check_method(&self) -> Result<()> {
+        if !matches!(self.method, Method::Lights | Method::Environment) {
+            return Ok(());
+        }
+        let given = [
+            ("--seconds", self.seconds.is_some()),
+            ("--max-error", self.max_error.is_some()),
+            ("--bounces", self.bounces.is_some()),
+            ("--variance", self.variance.is_some()),
+        ];
+        match given.into_iter().find(|(_, given)| *given) {
+            Some((option, _)) => {
+                let method = self.method.name();
+                Err(Error::input(format!(
+                    "{option} goes with --method reference or auto; --method {method} would not look at it"
+                )))
+            }
+            None => Ok(()),
         }
     }
 }
@@ -144,8 +166,7 @@ pub(super) struct RenderOutcome {
 /// Runs `lobelia render`.
 pub(super) fn run(args: &RenderArgs, context: &mut Context) -> Result<()> {
     if args.scene.exists() {
-        context.report.input(&args.scene);
-        super::apart::in_toml(&args.scene).iter().for_each(|file| context.report.input(file));
+        context.input_with_parts(&args.scene);
     }
     args.against.iter().for_each(|picture| context.report.input(picture));
     let outcome = render_scene(args, context.seed)?;
@@ -264,6 +285,7 @@ fn render_scene(args: &RenderArgs, seed: u64) -> Result<RenderOutcome> {
             return Err(Error::input(format!("--{name} is {value}, must be above 0")));
         }
     }
+    args.check_method()?;
     let settings = render::Settings {
         reference: args.settings(seed),
         lights: args.lights()?,
@@ -406,7 +428,7 @@ mod tests {
             samples: Some(4),
             seconds: None,
             max_error: None,
-            bounces: 4,
+            bounces: Some(4),
             variance: None,
             against: None,
             lights: LightsArgs::default(),
@@ -528,6 +550,25 @@ mod tests {
             (lights.storage, lights.filtering, lights.shadows),
             (Storage::Bits8, Filtering::Shaded, true)
         );
+    }
+
+    /// Each would be taken and change nothing; the variance would be missed after the picture was made.
+    #[test]
+    fn what_the_reference_alone_looks_at_is_refused_with_a_method_that_does_not() {
+        let folder = tempfile::tempdir().unwrap();
+        for method in [Method::Lights, Method::Environment] {
+            let args = || RenderArgs { bounces: None, ..args(folder.path(), method, &["a.png"]) };
+            for (option, args) in [
+                ("--seconds", RenderArgs { seconds: Some(1.0), ..args() }),
+                ("--max-error", RenderArgs { max_error: Some(0.1), ..args() }),
+                ("--bounces", RenderArgs { bounces: Some(1), ..args() }),
+                ("--variance", RenderArgs { variance: Some(folder.path().join("v.exr")), ..args() }),
+            ] {
+                let error = render_scene(&args, 1).unwrap_err();
+                assert!(error.exit_code() == 2 && error.to_string().starts_with(option), "{error}");
+            }
+        }
+        assert!(!folder.path().join("a.png").exists());
     }
 
     #[test]

@@ -6,6 +6,7 @@ use clap::Args;
 
 use super::Context;
 use crate::error::{Error, Result};
+use crate::progress::counted;
 use crate::reflectance::{Brdf, SbrdfMap, materials};
 use crate::sampled::{SampledSbrdf, attributes_of};
 use crate::synth::{self, Options};
@@ -54,7 +55,7 @@ pub(super) fn run(args: &SynthArgs, context: &mut Context) -> Result<()> {
     let options = args.options(context.seed)?;
     let file = Path::new(&args.material);
     if file.is_file() {
-        context.report.input(file);
+        context.input_with_parts(file);
     }
     let sampled = context.report.stage("sample", || sampled(&args.material, options))?;
     let texts = context.report.provenance();
@@ -62,11 +63,11 @@ pub(super) fn run(args: &SynthArgs, context: &mut Context) -> Result<()> {
     context.report.figure("texels", sampled.texels());
     context.report.figure("poses", sampled.poses.len());
     println!(
-        "{}: {} × {} texels × {} poses",
+        "{}: {} × {} texels × {}",
         args.output.display(),
         sampled.width,
         sampled.height,
-        sampled.poses.len()
+        counted(sampled.poses.len() as u64, "pose", "poses")
     );
     Ok(())
 }

@@ -7,6 +7,7 @@ use rayon::prelude::*;
 use super::gather;
 use super::pairs::{Pairs, squared_distance};
 use lobelia_base::error::{Error, Result};
+use lobelia_base::progress::counted;
 use lobelia_reflectance::{LobeBrdf, SbrdfMap};
 
 /// Pairs of directions at which texels are compared.
@@ -47,7 +48,8 @@ impl Grid {
 pub fn tile(map: &SbrdfMap, overlap: usize) -> Result<Tile> {
     if overlap == 0 || 2 * overlap > map.width.min(map.height) {
         return Err(Error::input(format!(
-            "an overlap of {overlap} texels was asked for; a map of {} × {} can have 1 to {}",
+            "an overlap of {} was asked for; a map of {} × {} can have 1 to {}",
+            counted(overlap as u64, "texel", "texels"),
             map.width,
             map.height,
             map.width.min(map.height) / 2

@@ -53,7 +53,10 @@ impl Steps<'_> {
             .into_iter()
             .map(|axis| (axis, lost_steps[axis.index()]))
             .filter(|(axis, lost)| lost.unsigned_abs() > axes[axis.index()].index_tolerance.into())
-            .map(|(axis, lost)| format!("{} by {lost} steps", axis.name()))
+            .map(|(axis, lost)| {
+                let by = if lost.abs() == 1 { "step" } else { "steps" };
+                format!("{} by {lost} {by}", axis.name())
+            })
             .collect();
         if lost.is_empty() {
             self.go_to_pose(done - 1)?;

@@ -645,7 +645,17 @@ impl RigConfig {
         Ok(rig)
     }
 
-    /// This rig with keys set to other values: `camera.focal_px=[4100, 4100]`, `carrier.texels_across=64`.
+    /// Reads the file of a rig whose photographs are developed, or that a run was begun with.
+    ///
+    /// # Errors
+    /// As [`Self::read`].
+    pub fn read_recorded(path: &Path) -> lobelia_base::Result<Self> {
+        let rig: Self = toml_file::read_as(path, toml_file::Kind::Rig)?;
+        rig.validate_recorded().map_err(|error| error.at(path.display()))?;
+        Ok(rig)
+    }
+
+    /// This rig with keys set to other values, to develop a run by: `camera.focal_px=[4100, 4100]`, `carrier.texels_across=64`.
     ///
     /// # Errors
     /// Input errors that name the setting: no `KEY=VALUE`, an unknown key, a value of another type or out of range.
@@ -671,7 +681,7 @@ impl RigConfig {
             };
             let read: std::result::Result<Self, _> = file.clone().try_into();
             let read = read.map_err(|error| refused(&lobelia_base::toml_file::plain(error.message())))?;
-            read.validate().map_err(|error| refused(&error.to_string()))?;
+            read.validate_recorded().map_err(|error| refused(&error.to_string()))?;
         }
         file.try_into()
             .map_err(|error: toml::de::Error| lobelia_base::Error::input(error.message().to_string()))
@@ -691,15 +701,12 @@ impl RigConfig {
         let mut axes = Vec::with_capacity(4);
         for (name, axis) in AXIS_NAMES.iter().zip(self.axes.in_order()) {
             axes.push(axis.parameters().ok_or_else(|| {
-                lobelia_base::Error::input(format!(
-                    "rig.toml: axes.{name} has a number beyond the controller's range"
-                ))
+                lobelia_base::Error::input(format!("axes.{name} has a number beyond the controller's range"))
             })?);
         }
         // Within the controller's range, as `validate` sees to.
         let lamp_warm_up_s = self.lamp.warm_up_s.ceil() as u16;
-        let axes =
-            axes.try_into().map_err(|_| lobelia_base::Error::input("rig.toml: there must be four axes"))?;
+        let axes = axes.try_into().map_err(|_| lobelia_base::Error::input("there must be four axes"))?;
         Ok(Configuration {
             axes,
             settings: Settings {

@@ -2,6 +2,7 @@
 
 use lobelia_protocol::{AXES, Axis, CrashRecord, Event, Happening, LogLine, Status, Telemetry};
 
+use crate::progress::counted;
 use crate::rig::config::RigConfig;
 use crate::rig::explain;
 use crate::rig::status::{degrees, fault_name, health};
@@ -74,8 +75,13 @@ fn happening(what: &Happening) -> String {
         }
         Happening::Lamp { on: false, .. } => "lamp set off".to_owned(),
         Happening::FaultsCleared => "faults cleared".to_owned(),
-        Happening::BadFrames { count } => format!("{count} frames came damaged since the start"),
-        Happening::Dropped { count } => format!("{count} log lines were left out here"),
+        Happening::BadFrames { count } => {
+            format!("{} came damaged since the start", counted(*count, "frame", "frames"))
+        }
+        Happening::Dropped { count } => {
+            let were = if *count == 1 { "log line was" } else { "log lines were" };
+            format!("{count} {were} left out here")
+        }
     }
 }
 

@@ -98,7 +98,7 @@ impl RunFolder {
         let rig = match other {
             Some(rig) => rig,
             None => {
-                let rig = RigConfig::read(&rig_path)?;
+                let rig = RigConfig::read_recorded(&rig_path)?;
                 unchanged(&rig_path, rig_sha256, "; put it back, or let develop take it with --rig")?;
                 rig
             }

@@ -4,6 +4,7 @@ use super::{FitArgs, FitOutcome};
 use crate::error::Result;
 use crate::figures::ErrorFigure;
 use crate::fit::held_out::{HeldOut, HeldOutError};
+use crate::progress::counted;
 use crate::reflectance::SbrdfMap;
 use crate::sampled::SampledStore;
 
@@ -61,17 +62,18 @@ fn words(held: &HeldOut, [all, near, far]: &[HeldOutError; 3]) -> String {
         let [x, y] = error.worst_texel;
         format!("median {p50}, p95 {p95}, p99 {p99}, worst {worst} at texel ({x}, {y})")
     };
+    let poses = |error: &HeldOutError| counted(error.poses as u64, "pose", "poses");
     if all.texels == 0 {
-        return format!("held out: {} poses, at which no texel has a sample\n", all.poses);
+        return format!("held out: {}, at which no texel has a sample\n", poses(all));
     }
-    let mut text = format!("held out: {} poses, relative error {}\n", all.poses, of(all));
+    let mut text = format!("held out: {}, relative error {}\n", poses(all), of(all));
     let groups = [(near, "at most"), (far, "more than")];
     for (error, how_far) in groups.into_iter().filter(|(error, _)| 0 < error.poses && error.poses < all.poses)
     {
         text += &format!(
-            "held out, {how_far} {:.1}° from the nearest fitted pose: {} poses, {}\n",
+            "held out, {how_far} {:.1}° from the nearest fitted pose: {}, {}\n",
             held.near.to_degrees(),
-            error.poses,
+            poses(error),
             of(error)
         );
     }

@@ -13,6 +13,7 @@ use crate::fit::held_out::HeldOut;
 use crate::fit::pool::regions::Regions;
 use crate::fit::pool::{self, PoolOptions, RegionReport};
 use crate::fit::{Device, FitOptions};
+use crate::progress::counted;
 use crate::sampled::SampledStore;
 use crate::warning::texels;
 
@@ -60,11 +61,10 @@ pub(super) fn fit(
     outcome.warnings.extend(texels::empty_regions(&pooled.regions));
     warnings::of_texels(&mut outcome, &pooled.map);
     print(&format!(
-        "{} texels × {} poses in {} {}, a ρ_d a {}: {seconds:.1} s\n{}{}",
-        regions.of.len() - outside,
-        store.poses.len(),
-        pooled.regions.len(),
-        if pooled.regions.len() == 1 { "region" } else { "regions" },
+        "{} × {} in {}, a ρ_d a {}: {seconds:.1} s\n{}{}",
+        counted((regions.of.len() - outside) as u64, "texel", "texels"),
+        counted(store.poses.len() as u64, "pose", "poses"),
+        counted(pooled.regions.len() as u64, "region", "regions"),
         pooling.rho_d.name(),
         regions_in_words(&pooled.regions),
         outcome.residuals()
@@ -95,21 +95,23 @@ fn regions_in_words(regions: &[RegionReport]) -> String {
         let of = if region.fitted < region.samples {
             format!("{} of {} samples", region.fitted, region.samples)
         } else {
-            format!("{} samples", region.samples)
+            counted(region.samples as u64, "sample", "samples")
         };
         format!(
-            "region {}: {} texels, {of}, {} {}, RMS {:.3e} 1/sr, {:.2} % of the samples'\n",
+            "region {}: {}, {of}, {}, RMS {:.3e} 1/sr, {:.2} % of the samples'\n",
             region.name,
-            region.texels,
-            region.lobes,
-            if region.lobes == 1 { "lobe" } else { "lobes" },
+            counted(region.texels as u64, "texel", "texels"),
+            counted(region.lobes as u64, "lobe", "lobes"),
             region.rms,
             100.0 * region.relative
         )
     };
     let mut text: String = regions.iter().take(TOLD).map(line).collect();
     if regions.len() > TOLD {
-        text += &format!("and {} regions more, which --report tells\n", regions.len() - TOLD);
+        text += &format!(
+            "and {} more, which --report tells\n",
+            counted((regions.len() - TOLD) as u64, "region", "regions")
+        );
     }
     text
 }

@@ -6,6 +6,7 @@ use lobelia_protocol::{AXES, Axis};
 use super::Session;
 use crate::cli::Context;
 use crate::error::{Error, Result};
+use crate::progress::counted;
 use crate::rig::RigClient;
 use crate::rig::config::{AXIS_NAMES, RigConfig};
 use crate::rig::status::degrees;
@@ -66,7 +67,8 @@ pub(super) fn home(args: &HomeArgs, context: &mut Context) -> Result<()> {
     if report.approaches > 1 {
         for axis in Axis::ALL.into_iter().filter(of_chosen) {
             let (name, steps) = (axis.name(), report.spread_steps[axis.index()]);
-            println!("{name} switch within {steps} steps over {} approaches", report.approaches);
+            let within = counted(steps, "step", "steps");
+            println!("{name} switch within {within} over {} approaches", report.approaches);
             context.report.figure(&format!("{name}_spread_steps"), steps);
         }
     }

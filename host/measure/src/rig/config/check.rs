@@ -21,11 +21,20 @@ const NOT_NEGATIVE: RangeInclusive<f64> = 0.0..=1e12;
 const LEAST_LEASE_S: f64 = 1.0;
 
 impl RigConfig {
-    /// Checks what types cannot.
+    /// Checks what types cannot, and what driving the rig needs.
     ///
     /// # Errors
     /// An input error that names the key and what it must be.
     pub fn validate(&self) -> Result<()> {
+        self.validate_recorded()?;
+        self.can_be_driven()
+    }
+
+    /// Checks what developing the photographs of a run needs: they were taken, whatever else this host would ask of the rig.
+    ///
+    /// # Errors
+    /// As [`Self::validate`].
+    pub(crate) fn validate_recorded(&self) -> Result<()> {
         self.numbers_are_finite()?;
         for (name, axis) in AXIS_NAMES.iter().zip(self.axes.in_order()) {
             check_axis(axis).map_err(|(key, why)| refused(&format!("axes.{name}.{key}"), &why))?;
@@ -33,6 +42,12 @@ impl RigConfig {
         for (key, value, range) in self.ranges() {
             in_range(value, &range).map_err(|why| refused(key, &why))?;
         }
+        self.check_camera()?;
+        self.check_tags()
+    }
+
+    /// Leases that the host keeps, home searches that end before the hard stop.
+    fn can_be_driven(&self) -> Result<()> {
         for (key, lease) in [("lamp.lease_s", self.lamp.lease_s), ("motion.lease_s", self.motion.lease_s)] {
             if lease != 0.0 && lease < LEAST_LEASE_S {
                 let why = format!(
@@ -41,10 +56,11 @@ impl RigConfig {
                 return Err(refused(key, &why));
             }
         }
+        for (name, axis) in AXIS_NAMES.iter().zip(self.axes.in_order()) {
+            check_search(axis).map_err(|(key, why)| refused(&format!("axes.{name}.{key}"), &why))?;
+        }
         wiring::stranger(&self.wiring.invert, Pins::OF_RIG).map_err(|why| refused("wiring.invert", &why))?;
-        self.check_keep_outs().map_err(|why| refused("keep_out", &why))?;
-        self.check_camera()?;
-        self.check_tags()
+        self.check_keep_outs().map_err(|why| refused("keep_out", &why))
     }
 
     /// No number of the file, wherever it stands, is NaN or infinite.
@@ -210,6 +226,27 @@ fn check_axis(axis: &Axis) -> std::result::Result<(), (&'static str, String)> {
     wiring::stranger(&axis.invert, Pins::OF_AXIS).map_err(|why| ("invert", why))?;
     let homing = axis.homing.clone().unwrap_or_default();
     homing.check(axis.max_speed_deg_s)?;
+    match homing.end {
+        _ if axis.full_turn => {}
+        End::Lower if axis.home_deg >= axis.min_deg => {
+            return Err(("home_deg", "is not below min_deg".into()));
+        }
+        End::Upper if axis.home_deg <= axis.max_deg => {
+            return Err(("home_deg", "is not above max_deg".into()));
+        }
+        _ => {}
+    }
+    axis.driver.as_ref().map_or(Ok(()), check_driver)?;
+    let turn = 360.0 / axis.degrees_per_step;
+    if axis.full_turn && (turn - turn.round()).abs() > 1e-6 {
+        return Err(("full_turn", format!("is true, but a turn is {turn} steps, which is no whole number")));
+    }
+    Ok(())
+}
+
+/// How one axis looks for its home switch; the key and what is wrong with it.
+fn check_search(axis: &Axis) -> std::result::Result<(), (&'static str, String)> {
+    let homing = axis.homing.clone().unwrap_or_default();
     let fits = axis.stopping_speed_deg_s();
     let too_fast = |speed: f64| {
         format!(
@@ -230,21 +267,6 @@ fn check_axis(axis: &Axis) -> std::result::Result<(), (&'static str, String)> {
     if fits < slowest {
         let why = format!("is {}, so little that the axis could not stop within it", axis.home_switch_deg);
         return Err(("home_switch_deg", why));
-    }
-    match homing.end {
-        _ if axis.full_turn => {}
-        End::Lower if axis.home_deg >= axis.min_deg => {
-            return Err(("home_deg", "is not below min_deg".into()));
-        }
-        End::Upper if axis.home_deg <= axis.max_deg => {
-            return Err(("home_deg", "is not above max_deg".into()));
-        }
-        _ => {}
-    }
-    axis.driver.as_ref().map_or(Ok(()), check_driver)?;
-    let turn = 360.0 / axis.degrees_per_step;
-    if axis.full_turn && (turn - turn.round()).abs() > 1e-6 {
-        return Err(("full_turn", format!("is true, but a turn is {turn} steps, which is no whole number")));
     }
     Ok(())
 }
@@ -318,6 +340,33 @@ mod tests {
                 assert!(number.is_finite() || config.validate().is_err(), "{key} = {number}");
             }
         }
+    }
+
+    /// Each would end every run: the host is heard every half second, and an axis that needs 10° to stop hits its stop 8° behind the switch.
+    /// Photographs that were taken all the same are developed.
+    #[test]
+    fn a_rig_that_no_run_would_end_well_with_is_not_driven_but_a_run_of_it_is_read() {
+        let fast = |rig: &mut RigConfig| {
+            rig.axes.pan.acceleration_deg_s2 = 20.0;
+            rig.axes.pan.homing =
+                Some(super::super::Homing { speed_deg_s: Some(20.0), ..super::super::Homing::default() });
+        };
+        let cases: [(&dyn Fn(&mut RigConfig), &str); 3] = [
+            (&|rig| rig.lamp.lease_s = 0.4, "lamp.lease_s is 0.4, must be 0 for never or at least 1"),
+            (&|rig| rig.motion.lease_s = 0.1, "motion.lease_s is 0.1"),
+            (&fast, "axes.pan.homing.speed_deg_s is 20"),
+        ];
+        for (change, why) in cases {
+            let mut config = RigConfig::default();
+            change(&mut config);
+            let error = config.validate().unwrap_err().to_string();
+            assert!(error.starts_with(why), "{error}");
+            config.validate_recorded().unwrap();
+            config.with_settings(&["carrier.texels_across=64".to_string()]).unwrap();
+        }
+        let mut never = RigConfig::default();
+        (never.lamp.lease_s, never.motion.lease_s) = (0.0, 0.0);
+        never.validate().unwrap();
     }
 
     #[test]

@@ -19,7 +19,7 @@ pub(super) fn read(path: &Path) -> Result<RawMesh> {
     let (document, buffers) = gltf_json::read(path)?;
     let file = File { document, buffers };
     let (raw, others) = file.mesh().map_err(|message| Error::reading(path, message))?;
-    super::left_out(path, others, "primitives of points or lines");
+    super::left_out(path, others, ["primitive of points or lines", "primitives of points or lines"]);
     Ok(raw)
 }
 

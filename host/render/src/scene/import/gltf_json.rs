@@ -1,6 +1,6 @@
 //! The parts of a glTF 2.0 document that meshes need, as its JSON has them, and its buffers.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use base64::Engine;
 use serde::Deserialize;
@@ -246,6 +246,21 @@ fn check(document: &Document) -> std::result::Result<(), String> {
     }
 }
 
+/// The files in which the buffers of a document lie; none of what is no document.
+pub(super) fn buffer_files(path: &Path) -> Vec<PathBuf> {
+    let bytes = std::fs::read(path).unwrap_or_default();
+    let document = chunks(&bytes).ok().and_then(|(json, _)| serde_json::from_slice::<Document>(json).ok());
+    let buffers = document.map_or_else(Vec::new, |document| document.buffers);
+    let named = buffers.iter().filter_map(|buffer| buffer.uri.as_deref());
+    named.filter(|uri| !uri.starts_with("data:")).map(|uri| buffer_file(path, uri)).collect()
+}
+
+/// Where a buffer lies. A name that has percent signs of its own is taken as it is where such a file is there.
+fn buffer_file(path: &Path, uri: &str) -> PathBuf {
+    let literal = path.with_file_name(uri);
+    if literal.is_file() { literal } else { path.with_file_name(percent_decoded(uri)) }
+}
+
 /// Bytes of a data URI or of a file beside the glTF file.
 fn read_uri(path: &Path, uri: &str) -> Result<Vec<u8>> {
     if let Some(data) = uri.strip_prefix("data:") {
@@ -255,9 +270,7 @@ fn read_uri(path: &Path, uri: &str) -> Result<Vec<u8>> {
             .decode(encoded)
             .map_err(|error| Error::reading(path, format!("a data URI is no base64: {error}")));
     }
-    // A name that has percent signs of its own is taken as it is where such a file is there.
-    let literal = path.with_file_name(uri);
-    let beside = if literal.is_file() { literal } else { path.with_file_name(percent_decoded(uri)) };
+    let beside = buffer_file(path, uri);
     let unreadable = |why: String| Error::reading(path, format!("its buffer {}: {why}", beside.display()));
     // A folder or a device is no buffer, and some devices never end.
     if !beside.is_file() {

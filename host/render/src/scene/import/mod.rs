@@ -8,7 +8,7 @@ mod ply_file;
 mod ply_header;
 mod polygon;
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use glam::DVec3;
 
@@ -32,12 +32,18 @@ impl Mesh {
         };
         Self::from_raw(raw).map_err(|error| error.at(path.display()))
     }
+
+    /// The files beside a `.gltf` file in which its numbers lie.
+    pub(crate) fn gltf_buffers(path: &Path) -> Vec<PathBuf> {
+        gltf_json::buffer_files(path)
+    }
 }
 
 /// Says what of a file is no surface, where there is such.
-fn left_out(path: &Path, count: usize, what: &str) {
+fn left_out(path: &Path, count: usize, [one, more]: [&str; 2]) {
     if count > 0 {
-        progress::note(&format!("{}: {count} {what} are left out, which are no surfaces", path.display()));
+        let what = progress::counted(count as u64, one, more);
+        progress::note(&format!("{}: left out as no surface: {what}", path.display()));
     }
 }
 

@@ -19,7 +19,11 @@ pub(super) fn read(path: &Path) -> Result<RawMesh> {
     let others = lines(&text).filter(|(_, content)| {
         matches!(content.split_whitespace().next(), Some("l" | "p" | "curv" | "curv2" | "surf"))
     });
-    super::left_out(path, others.count(), "points, lines or curved surfaces");
+    super::left_out(
+        path,
+        others.count(),
+        ["point, line or curved surface", "points, lines or curved surfaces"],
+    );
     parse(&text)
         .map_err(|(line, message)| Error::input(format!("{}, line {line}: {message}", path.display())))
 }
