@@ -127,7 +127,7 @@ fn clocks() -> rcc::Config {
 }
 
 /// Half of what it can make with nothing else to do, over all axes.
-const MOST_STEPS_PER_S: u32 = 130_000;
+const MOST_STEPS_PER_S: u32 = 128_000;
 
 /// Sets the whole board up; interrupts other than the clock's stay off. `None` at a second call.
 pub fn set_up() -> Option<(Peripherals<Stm32f405>, Options<Stm32f405>)> {
