@@ -252,7 +252,7 @@ pub fn accepts(config: &RigConfig) -> Result<()> {
         axis.driver = None;
     }
     let rig = SimulatedRig::new(&mechanics(&bare));
-    RigClient::connect(Box::new(rig.link()))?.configure(&bare.configuration()?)
+    RigClient::connect(port(&rig))?.configure(&bare.configuration()?)
 }
 
 /// The simulated mechanics and lamp that `rig.toml` describes.

@@ -2,7 +2,7 @@
 
 use lobelia_protocol::{AXES, Axis, CrashRecord, Event, Happening, LogLine, Status, Telemetry};
 
-use crate::progress::counted;
+use lobelia_base::progress::counted;
 use crate::rig::config::RigConfig;
 use crate::rig::explain;
 use crate::rig::status::{degrees, fault_name, health};
