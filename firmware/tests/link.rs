@@ -433,6 +433,24 @@ fn host_of_another_version_may_always_stop_darken_and_ask() {
 }
 
 #[test]
+fn lease_of_a_host_that_was_quiet_for_an_exposure_runs_anew_when_another_ends_that() {
+    let mut configuration = leased(0);
+    (configuration.settings.lease_ms, configuration.settings.lamp_lease_ms) = (20_000, 20_000);
+    let mut rig = Rig::greeted(configuration).at_home();
+    assert!(matches!(rig.ask(Command::Lamp { on: true, level: u16::MAX }), Outcome::Done(_)));
+    let id = rig.begin(Command::Expose { duration_us: 60_000_000, warm_lamp: false });
+    let end_us = rig.bench.borrow().now_us + 30_000_000;
+    while rig.bench.borrow().now_us < end_us {
+        assert!(rig.pass_event());
+    }
+    assert!(safe(&mut rig, SafeCommand::Ask).shutter);
+    let stopped = safe(&mut rig, SafeCommand::Stop);
+    assert!(!stopped.shutter && stopped.lamp && !stopped.fault, "{stopped:?}");
+    assert_eq!(rig.outcome(id), Outcome::Refused(Refusal::Stopped));
+    assert!(rig.bench.borrow().lamp && !safe(&mut rig, SafeCommand::Ask).fault);
+}
+
+#[test]
 fn exposure_in_the_dark_of_another_host_is_given_up_and_no_lease_is_renewed() {
     let mut rig = Rig::homed();
     let id = rig.begin(Command::Expose { duration_us: 50_000, warm_lamp: false });

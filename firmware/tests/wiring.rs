@@ -8,7 +8,7 @@ use bench::{Rig, SESSION, configuration, refusal};
 use lobelia_firmware::safety::alarm::Alarms;
 use lobelia_protocol::{
     Alarm, Answer, Axis, Command, Configuration, Event, Fault, Field, Hello, Outcome, Pin, Pins, Refusal,
-    Status, ToController, ToHost,
+    SafeCommand, Status, ToController, ToHost,
 };
 
 fn status(rig: &mut Rig) -> Status {
@@ -62,6 +62,12 @@ fn no_output_is_driven_before_its_wiring_is_known_whatever_happens() {
     rig.ask(Command::Lamp { on: false, level: 0 });
     rig.ask(Command::Stop);
     rig.ask(Command::ClearFaults);
+    // Nor do the words of every version, which are heard all the same.
+    for command in [SafeCommand::Stop, SafeCommand::Darken] {
+        rig.send(&ToController::Safe(command));
+        let answered = |packet: &ToHost| matches!(packet, ToHost::Safe(state) if state.command == command && !state.fault);
+        assert!(rig.received().iter().any(answered));
+    }
     assert_eq!((rig.bench.borrow().writes, rig.bench.borrow().devices.wired), (0, None));
     assert!(matches!(rig.configure(configuration), Outcome::Done(_)));
     let told = Some(([Pins::OF_AXIS; 4], Pins::OF_RIG));
@@ -72,6 +78,27 @@ fn no_output_is_driven_before_its_wiring_is_known_whatever_happens() {
     let before = rig.bench.borrow().writes;
     rig.configure(configuration);
     assert_eq!(rig.bench.borrow().writes, before);
+}
+
+#[test]
+fn rig_with_every_pin_the_other_way_round_is_stopped_and_darkened_by_a_host_of_any_version() {
+    let (rig, configuration) = turned();
+    let mut rig = rig.ready(configuration).at_home();
+    rig.ask(Command::Lamp { on: true, level: 65535 });
+    rig.begin(Command::Expose { duration_us: 50_000, warm_lamp: false });
+    (0..5).for_each(|_| assert!(rig.pass_event()));
+    assert!(rig.bench.borrow().lamp && rig.bench.borrow().shutter.last().unwrap().1);
+    rig.send(&ToController::Safe(SafeCommand::Darken));
+    assert!(!rig.bench.borrow().lamp && !rig.bench.borrow().shutter.last().unwrap().1);
+    while rig.pass_event() {}
+    rig.begin(Command::MoveTo([4000; 4]));
+    (0..200).for_each(|_| assert!(rig.pass_event()));
+    assert_ne!(rig.moving(), [false; 4]);
+    rig.send(&ToController::Safe(SafeCommand::Stop));
+    while rig.pass_event() {}
+    let stopped = status(&mut rig);
+    assert!(stopped.positions.iter().all(|&position| position < 4000), "{stopped:?}");
+    assert_eq!((stopped.known, rig.moving()), ([true; 4], [false; 4]));
 }
 
 #[test]

@@ -7,10 +7,10 @@ use std::path::Path;
 use std::time::Duration;
 
 use lobelia::acquire::journal::{self, Record};
-use lobelia::acquire::station::{Camera, Station};
+use lobelia::acquire::station::Station;
 use lobelia::acquire::{self, RunFolder, simulated};
+use lobelia::rig::Port;
 use lobelia::rig::config::RigConfig;
-use lobelia::rig::{Port, RigClient};
 use lobelia_hil_sim::{SimulatedLink, SimulatedRig};
 use lobelia_protocol::{Axis, Command, FrameDecoder, ToController};
 use lobelia_tests::small;
@@ -74,17 +74,15 @@ fn rig() -> RigConfig {
 }
 
 fn station(rig: &RigConfig, slips_at: &[usize]) -> Station {
-    let mut station = simulated::station(rig, small::layout(rig)).unwrap();
-    let Camera::Simulated(camera) = &station.camera else { panic!("the camera is simulated") };
+    let simulated = SimulatedRig::new(&simulated::mechanics(rig));
     let slipping = Slipping {
-        link: camera.rig().link(),
-        rig: camera.rig().clone(),
+        link: simulated.link(),
+        rig: simulated.clone(),
         decoder: FrameDecoder::new(),
         exposures: 0,
         slips_at: slips_at.to_vec(),
     };
-    station.client = RigClient::connect(Box::new(slipping)).unwrap();
-    station
+    simulated::station_of(&simulated, Box::new(slipping), rig, small::layout(rig)).unwrap()
 }
 
 /// The poses in the order in which they were photographed, `None` where they became suspect from one on.

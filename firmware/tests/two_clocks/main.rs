@@ -485,6 +485,8 @@ fn homing_whose_first_look_at_the_switch_is_wrong_finds_it_all_the_same() {
         acceleration: 1812,
         jerk: 6_776_990,
         pulse_us: 2,
+        direction_setup_us: 6,
+        inverted: false,
         costs: Costs { latency_ns: 6240, look_ns: 55_254, poll_ns: 18_214, long_every: 0, long_ns: 0 },
         skew: Skew { behind_us: 0, drift_ppm: -44 },
         noise_every: 300,

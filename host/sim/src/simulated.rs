@@ -230,6 +230,19 @@ pub fn bench(config: &RigConfig, sample: SampleLayout) -> OpticalBench {
 /// When the simulated controller does not answer.
 pub fn station(config: &RigConfig, sample: SampleLayout) -> Result<Station> {
     let rig = SimulatedRig::new(&mechanics(config));
+    station_of(&rig, port(&rig), config, sample)
+}
+
+/// The same with a rig that there is already, over a port to it.
+///
+/// # Errors
+/// When the simulated controller does not answer.
+pub fn station_of(
+    rig: &SimulatedRig,
+    port: Box<dyn Port>,
+    config: &RigConfig,
+    sample: SampleLayout,
+) -> Result<Station> {
     let camera = SimulatedCamera {
         rig: rig.clone(),
         bench: bench(config, sample),
@@ -237,8 +250,8 @@ pub fn station(config: &RigConfig, sample: SampleLayout) -> Result<Station> {
         f_number: config.camera.f_number,
         last: None,
     };
-    let client = RigClient::connect(port(&rig))?;
-    Ok(Station::simulated(client, Box::new(camera), Box::new(RigClock(rig))))
+    let client = RigClient::connect(port)?;
+    Ok(Station::simulated(client, Box::new(camera), Box::new(RigClock(rig.clone()))))
 }
 
 /// Asks the firmware whether a controller takes a rig's numbers, before anything is planned or done with them. Drivers are left out: which
