@@ -2,10 +2,10 @@
 
 use lobelia_protocol::{AXES, Axis, CrashRecord, Event, Happening, LogLine, Status, Telemetry};
 
-use lobelia_base::progress::counted;
 use crate::rig::config::RigConfig;
 use crate::rig::explain;
 use crate::rig::status::{degrees, fault_name, health};
+use lobelia_base::progress::counted;
 
 /// A line of the log: controller's time in s, and what happened.
 pub fn line(time_us: u64, what: &str) -> String {

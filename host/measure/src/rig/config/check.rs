@@ -351,10 +351,10 @@ mod tests {
             rig.axes.pan.homing =
                 Some(super::super::Homing { speed_deg_s: Some(20.0), ..super::super::Homing::default() });
         };
-        let cases: [(&dyn Fn(&mut RigConfig), &str); 3] = [
-            (&|rig| rig.lamp.lease_s = 0.4, "lamp.lease_s is 0.4, must be 0 for never or at least 1"),
-            (&|rig| rig.motion.lease_s = 0.1, "motion.lease_s is 0.1"),
-            (&fast, "axes.pan.homing.speed_deg_s is 20"),
+        let cases: [(fn(&mut RigConfig), &str); 3] = [
+            (|rig| rig.lamp.lease_s = 0.4, "lamp.lease_s is 0.4, must be 0 for never or at least 1"),
+            (|rig| rig.motion.lease_s = 0.1, "motion.lease_s is 0.1"),
+            (fast, "axes.pan.homing.speed_deg_s is 20"),
         ];
         for (change, why) in cases {
             let mut config = RigConfig::default();
