@@ -313,6 +313,8 @@ fn scene(folder: &Path, name: &str, object: &str) {
     fs::write(folder.join(name), text).unwrap();
 }
 
+const GREY: &str = "material.albedo = [0.5, 0.5, 0.5]";
+
 const TRACED: [&str; 6] = ["--method", "reference", "--samples", "1", "-o", "a.png"];
 
 /// Lines and points are no surfaces; what is not drawn is told by its file.
@@ -335,7 +337,7 @@ fn what_of_a_mesh_is_no_surface_is_told_to_be_left_out() {
         ("mix.obj", "mix.obj: left out as no surface: 1 point, line or curved surface\n"),
         ("whole.gltf", ""),
     ] {
-        scene(path, "scene.toml", &format!("mesh = \"{mesh}\""));
+        scene(path, "scene.toml", &format!("mesh = \"{mesh}\"\n{GREY}"));
         let said = run(path, &[&["render", "scene.toml"], &TRACED[..]].concat());
         assert_eq!(said.code, Some(0), "{said:?}");
         assert_eq!(said.stderr.contains("left out"), !told.is_empty(), "{}", said.stderr);
@@ -353,7 +355,7 @@ fn an_object_larger_than_can_be_drawn_and_values_of_another_kind_are_refused_in_
         ("mesh = \"sphere\"\ntranslate = [0, 1e25, 0]", &["scene.toml"]),
         ("mesh = \"sphere\"\nscale = 3", &["expected a list of 3 numbers"]),
     ] {
-        scene(path, "scene.toml", object);
+        scene(path, "scene.toml", &format!("{object}\n{GREY}"));
         run(path, &[&["render", "scene.toml"], &TRACED[..]].concat()).refuses(2, parts);
     }
     assert!(!path.join("a.png").exists());

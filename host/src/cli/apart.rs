@@ -10,7 +10,7 @@ use clap::{ArgMatches, Command};
 use crate::acquire::{PLAN_FILE, RIG_FILE, journal};
 use crate::error::{Error, Result};
 use crate::files;
-use crate::fit::mip;
+use crate::mip;
 use crate::scene::Mesh;
 
 /// Arguments that name what is written, whatever the command.
@@ -61,7 +61,8 @@ pub(super) fn check(command: &Command, matches: &ArgMatches) -> Result<()> {
                     output.argument
                 )));
             }
-            for part in made_of(&input.path).into_iter().filter(|part| files::same(part, &output.path)) {
+            if let Some(part) = made_of(&input.path).into_iter().find(|part| files::same(part, &output.path))
+            {
                 return Err(refused(format!(
                     "{}: {} reads it and {} would write over it",
                     part.display(),

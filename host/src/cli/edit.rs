@@ -364,6 +364,16 @@ fn run_replace(args: &ReplaceArgs, encoding: MapEncoding, context: &mut Context)
     let map = read_map(&args.map, context)?;
     let photo = read_photo(&args.photo, context)?;
     let replaced = diffuse::replace(&map, &photo).map_err(|error| error.at(args.photo.display()))?;
+    let (count, most) = diffuse::too_bright(&replaced);
+    context.report.figure("texels_too_bright", count);
+    if count > 0 {
+        let texels = counted(count as u64, "texel", "texels");
+        context.note(format!(
+            "{}: {texels} would reflect up to {most:.2} times the light that they receive, where the photograph is much brighter than in \
+             mean; take its highlights out",
+            args.photo.display()
+        ));
+    }
     finish(replaced, "diffuse channel by a photograph, mean kept", (&args.output, encoding), context)
 }
 

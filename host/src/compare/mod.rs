@@ -136,7 +136,7 @@ pub fn poses(
         .collect::<Result<_>>()?;
     // By their numbers, as what they have in common is told by.
     let mut by_pose: Vec<Compared> =
-        (0..photographs.poses()).map(|_| Err("it was not asked for".into())).collect();
+        std::iter::repeat_with(|| "it was not asked for".into()).map(Err).take(photographs.poses()).collect();
     for (&pose, found) in all.iter().zip(compared) {
         by_pose[pose] = found;
     }

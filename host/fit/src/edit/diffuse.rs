@@ -1,6 +1,8 @@
 //! Replaces the diffuse channel by one sharp photograph of the same mean (section 4.6): a photograph straight from above has
 //! detail that hundreds of resampled poses have lost.
 
+use std::f32::consts::PI;
+
 use glam::DVec3;
 
 use super::gather;
@@ -39,6 +41,12 @@ pub fn replace(map: &SbrdfMap, photo: &Photo) -> Result<SbrdfMap> {
     Ok(replaced)
 }
 
+/// How many texels reflect more light than they receive by their diffuse channel alone, and the largest diffuse albedo.
+pub fn too_bright(map: &SbrdfMap) -> (usize, f32) {
+    let albedos = map.rho_d.iter().map(|rho_d| PI * rho_d.max_element());
+    (albedos.clone().filter(|albedo| *albedo > 1.0).count(), albedos.fold(0.0, f32::max))
+}
+
 /// Mean colour; where it is 0 the scale of a black map is 0 and not undefined.
 fn mean(colours: &[Rgb]) -> DVec3 {
     colours.iter().map(|colour| colour.as_dvec3()).sum::<DVec3>() / colours.len() as f64
@@ -69,6 +77,21 @@ mod tests {
         for (k, source) in [0, 0, 1, 1, 0, 0, 1, 1].into_iter().enumerate() {
             assert_eq!(replaced.texel(k).lobes, map.texel(source).lobes);
         }
+    }
+
+    /// One pixel of a highlight among eight; the mean stays, and so the texel gets nearly eight times the mean albedo.
+    #[test]
+    fn texels_that_a_highlight_makes_brighter_than_their_light_are_counted() {
+        let map = SbrdfMap::from_texels(
+            2,
+            1,
+            &[LobeBrdf::diffuse(Rgb::splat(0.2)), LobeBrdf::diffuse(Rgb::splat(0.2))],
+        );
+        assert_eq!(too_bright(&replace(&map, &photo(4, 2)).unwrap()).0, 0);
+        let pixels: Vec<Rgb> = (0..8).map(|k| Rgb::splat(if k == 3 { 700.0 } else { 1.0 })).collect();
+        let glossy = Photo { width: 4, height: 2, pixels, alpha: None };
+        let (count, most) = too_bright(&replace(&map, &glossy).unwrap());
+        assert!(count == 1 && (most - 0.2 * 8.0 * 700.0 / 707.0).abs() < 1e-3, "{count} {most}");
     }
 
     #[test]

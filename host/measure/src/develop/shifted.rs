@@ -113,10 +113,8 @@ fn mixed(
     };
     let late = |(pose, shown): &(usize, &[Shown])| matches!(shown, [first, .., Shown::Own] if of(first, pose.checked_sub(1)));
     let early = |(pose, shown): &(usize, &[Shown])| matches!(shown, [Shown::Own, .., last] if of(last, pose.checked_add(1)));
-    let places = |is: &dyn Fn(&(usize, &[Shown])) -> bool| -> Vec<usize> {
-        contradictory.iter().filter(|one| is(one)).map(|(pose, _)| *pose).collect()
-    };
-    let (late, early) = (places(&late), places(&early));
+    let late: Vec<usize> = contradictory.iter().filter(|one| late(one)).map(|(pose, _)| *pose).collect();
+    let early: Vec<usize> = contradictory.iter().filter(|one| early(one)).map(|(pose, _)| *pose).collect();
     let (shifted, which) = if late.len() >= early.len() {
         (late, "first show the pose before")
     } else {

@@ -265,7 +265,7 @@ fn keep_out(bench: &mut Bench) -> Result<()> {
     let straight = |axis: &Axis| configuration.axes[axis.index()].full_turn_steps == 0;
     let mut axes = Axis::ALL.into_iter().filter(straight);
     // Where all but one turn round and round there is nothing to keep apart.
-    let (Some(first), Some(second)) = (axes.next(), axes.last()) else { return Ok(()) };
+    let (Some(first), Some(second)) = (axes.next(), axes.next_back()) else { return Ok(()) };
     let away = |axis: Axis| {
         let p = &configuration.axes[axis.index()];
         let middle = i32::midpoint(p.min_steps, p.max_steps);

@@ -34,7 +34,7 @@ impl Mesh {
     }
 
     /// The files beside a `.gltf` file in which its numbers lie.
-    pub(crate) fn gltf_buffers(path: &Path) -> Vec<PathBuf> {
+    pub fn gltf_buffers(path: &Path) -> Vec<PathBuf> {
         gltf_json::buffer_files(path)
     }
 }
