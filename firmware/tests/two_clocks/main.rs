@@ -480,7 +480,7 @@ proptest! {
 #[test]
 fn homing_whose_first_look_at_the_switch_is_wrong_finds_it_all_the_same() {
     let run = Run {
-        seed: 3_282_751_389_451_313_415,
+        seed: 501,
         speed: 2342,
         acceleration: 1812,
         jerk: 6_776_990,
