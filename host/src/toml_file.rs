@@ -118,9 +118,17 @@ pub(crate) fn plain(message: &str) -> String {
         ("unit", "nothing"),
         ("path string", "the name of a file"),
     ];
+    const FOUND: [(&str, &str); 5] = [
+        ("floating point", "the number"),
+        ("integer", "the number"),
+        ("sequence", "a list"),
+        ("map", "a table"),
+        ("string", "the text"),
+    ];
     let Some((found, expected)) = message.split_once(", expected ") else { return message.to_string() };
-    let found = found.replace("floating point", "the number").replace("integer", "the number");
-    let found = found.replace("sequence", "a list").replace("map", "a table").replace("string", "the text");
+    let (what, value) = found.split_once(": ").unwrap_or(("", found));
+    let value = FOUND.iter().find_map(|(word, words)| Some(format!("{words}{}", value.strip_prefix(word)?)));
+    let found = value.map_or_else(|| found.to_string(), |value| format!("{what}: {value}"));
     let expected = match WORDS.iter().find(|(word, _)| *word == expected) {
         Some((_, words)) => (*words).to_string(),
         None if expected.starts_with("struct ") => "a table".into(),
@@ -189,7 +197,12 @@ mod tests {
             ("invalid type: integer `3`, expected struct Camera", "the number `3`, expected a table"),
             (
                 "invalid length 2, expected an array of length 3",
-                "invalid length 2, expected an array of length 3",
+                "invalid length 2, expected a list of length 3",
+            ),
+            ("invalid type: string \"a map\", expected f64", "the text \"a map\", expected a number"),
+            (
+                "invalid type: map, expected a sequence of 3 f32 values",
+                "a table, expected a list of 3 numbers",
             ),
             ("missing field `n`", "missing field `n`"),
         ] {

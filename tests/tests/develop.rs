@@ -153,11 +153,11 @@ fn what_is_left_out_is_a_warning_that_a_quiet_report_has_too_in_develop_and_in_c
     let path = folder.path();
     put(path, 3, 4);
     SbrdfMap::new(8, 8, 1).write_exr(&path.join("m.exr")).unwrap();
-    for command in [&["develop", "run", "-o", "s.zarr"], &["compare", "run", "m.exr"]] {
-        let said = run(path, &[&command[..], &["--report", "told.json"]].concat());
+    for command in [&["develop", "run", "-o", "s.zarr"][..], &["compare", "run", "m.exr"]] {
+        let said = run(path, &[command, &["--report", "told.json"]].concat());
         assert_eq!(said.code, Some(0), "{said:?}");
         assert!(said.stderr.contains("warning: pose 4 is left out: the tags show"), "{}", said.stderr);
-        succeed(path, &[&command[..], &["--quiet", "--report", "quiet.json"]].concat());
+        succeed(path, &[command, &["--quiet", "--report", "quiet.json"]].concat());
         for report in ["told.json", "quiet.json"] {
             let left_out: Vec<_> =
                 warnings(&path.join(report)).into_iter().filter(|w| w.0 == "left_out").collect();
@@ -199,11 +199,11 @@ fn a_run_goes_on_by_no_other_plan_and_rig_than_its_own() {
 fn a_rig_that_the_controller_refuses_is_not_planned_for() {
     let folder = tempfile::tempdir().unwrap();
     let mut rig = small::rig(8);
-    small::write_inputs(folder.path(), &rig, &small::plan(&rig, 1));
-    succeed(folder.path(), &["plan", "rig.toml", "--budget", "1"]);
+    small::write_inputs(folder.path(), &rig, &small::plan(&rig, 2));
+    succeed(folder.path(), &["plan", "rig.toml", "--budget", "2"]);
     rig.axes.pan.take_up_deg = 5.5;
     fs::write(folder.path().join("rig.toml"), toml::to_string(&rig).unwrap()).unwrap();
-    run(folder.path(), &["plan", "rig.toml", "--budget", "1"])
+    run(folder.path(), &["plan", "rig.toml", "--budget", "2"])
         .refuses(2, &["rig.toml: the rig's controller refuses the home position of pan"]);
 }
 
@@ -232,7 +232,7 @@ fn a_photograph_in_a_dark_frames_place_is_refused_by_name_and_left_out_where_tha
     let path = folder.path();
     let last = (0..).take_while(|index| dark_frame(path, *index).exists()).last().unwrap();
     let develop = |store: &str, more: &[&str]| {
-        run(path, &[&["develop", "run", "-o", store], &ANY_EXPOSURE[..], more].concat())
+        run(path, &[&["develop", "run", "-o", store][..], &ANY_EXPOSURE, more].concat())
     };
     assert_eq!(develop("right.zarr", &[]).code, Some(0));
     for (dark, exposure) in [(0, 0), (0, 1), (last, 0), (last, 1)] {
@@ -248,7 +248,8 @@ fn a_photograph_in_a_dark_frames_place_is_refused_by_name_and_left_out_where_tha
         let [right, part] =
             ["right.zarr", "part.zarr"].map(|name| SampledSbrdf::read_zarr(&path.join(name)).unwrap());
         for (a, b) in right.reflectance.iter().zip(&part.reflectance) {
-            assert!((a - b).abs() < 0.02 * a.abs() + 2e-3, "{name}: {a} {b}");
+            let same = (a - b).abs() < 0.02 * a.abs() + 2e-3 || (a.is_nan() && b.is_nan());
+            assert!(same, "{name}: {a} {b}");
         }
     }
 }
@@ -268,7 +269,7 @@ fn a_run_that_is_one_photograph_late_is_refused_and_told_so_and_a_single_such_po
     };
     // Darkness for the short exposure of pose 0, and that one for the long exposure.
     late(3);
-    let develop = [&["develop", "run", "-o", "sampled.zarr"], &ANY_EXPOSURE[..]].concat();
+    let develop = [&["develop", "run", "-o", "sampled.zarr"][..], &ANY_EXPOSURE].concat();
     let said = run(path, &develop);
     assert_eq!(said.code, Some(0), "{}", said.stderr);
     assert!(said.stdout.contains("5 of 6 poses registered"), "{}", said.stdout);

@@ -103,14 +103,14 @@ fn sentences_name_the_mistake() {
     fs::create_dir_all(path.join("run/frames")).unwrap();
     fs::write(path.join("run/journal.jsonl"), "").unwrap();
     succeed(path, &["synth", "clay", "--size", "4x4", "--poses", "30", "-o", "s.zarr"]);
-    fs::copy(case("map/negative-n.exr"), path.join("m.exr")).unwrap();
+    SbrdfMap::new(4, 4, 1).write_exr(&path.join("m.exr")).unwrap();
     fs::copy(case("text/comment-first.dat"), path.join("t.dat")).unwrap();
     let rig = succeed(path, &["template", "rig"]);
     fs::write(path.join("rig.toml"), &rig).unwrap();
     fs::write(path.join("latin.toml"), b"# \xe4\n").unwrap();
     fs::write(path.join("late.toml"), rig.replacen("max_exposure_s = 2.0", "max_exposure_s = 61.0", 1))
         .unwrap();
-    succeed(path, &["plan", "rig.toml", "--budget", "1", "-o", "plan.toml"]);
+    succeed(path, &["plan", "rig.toml", "--budget", "2", "-o", "plan.toml"]);
     for (line, parts) in [
         ("develop gone -o a.zarr", &["gone: there is no such run"][..]),
         ("develop s.zarr -o a.zarr", &["s.zarr: a sampled SBRDF, not a run"]),
