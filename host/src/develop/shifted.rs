@@ -114,8 +114,14 @@ fn mixed(
         (Shown::Elsewhere(seen), Some(pose)) => shows(seen, pose),
         _ => false,
     };
-    let late = |(pose, shown): &Contradictory<'_>| matches!(shown, [first, .., Shown::Own] if of(first, pose.checked_sub(1)));
-    let early = |(pose, shown): &Contradictory<'_>| matches!(shown, [Shown::Own, .., last] if of(last, pose.checked_add(1)));
+    let late = |(pose, shown): &Contradictory<'_>| match shown {
+        [first, .., Shown::Own] => of(first, pose.checked_sub(1)),
+        _ => false,
+    };
+    let early = |(pose, shown): &Contradictory<'_>| match shown {
+        [Shown::Own, .., last] => of(last, pose.checked_add(1)),
+        _ => false,
+    };
     let places = |is: &dyn Fn(&Contradictory<'_>) -> bool| -> Vec<usize> {
         contradictory.iter().filter(|one| is(one)).map(|(pose, _)| *pose).collect()
     };
