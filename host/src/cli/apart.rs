@@ -61,7 +61,7 @@ pub(super) fn check(command: &Command, matches: &ArgMatches) -> Result<()> {
                     output.argument
                 )));
             }
-            for part in made_of(&input.path).into_iter().filter(|part| files::same(part, &output.path)) {
+            if let Some(part) = made_of(&input.path).iter().find(|part| files::same(part, &output.path)) {
                 return Err(refused(format!(
                     "{}: {} reads it and {} would write over it",
                     part.display(),
