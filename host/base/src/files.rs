@@ -129,8 +129,11 @@ pub fn create_folder(path: &Path) -> Result<()> {
 pub fn read_text(path: &Path) -> Result<String> {
     let bytes = std::fs::read(path).map_err(|error| Error::reading(path, error))?;
     let not_utf8 = || {
-        let what = what_is(path).map_or_else(|| "not".into(), |what| format!("{what}, not"));
-        Error::input(format!("{}: {what} a text in UTF-8; save it as one", path.display()))
+        let what = what_is(path).map_or_else(
+            || "not a text in UTF-8; save it as one".to_string(),
+            |what| format!("{what}, not a text in UTF-8"),
+        );
+        Error::input(format!("{}: {what}", path.display()))
     };
     String::from_utf8(bytes).map_err(|_| not_utf8())
 }

@@ -61,8 +61,7 @@ pub(super) fn check(command: &Command, matches: &ArgMatches) -> Result<()> {
                     output.argument
                 )));
             }
-            if let Some(part) = made_of(&input.path).into_iter().find(|part| files::same(part, &output.path))
-            {
+            if let Some(part) = made_of(&input.path).iter().find(|part| files::same(part, &output.path)) {
                 return Err(refused(format!(
                     "{}: {} reads it and {} would write over it",
                     part.display(),

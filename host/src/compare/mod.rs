@@ -135,8 +135,8 @@ pub fn poses(
         })
         .collect::<Result<_>>()?;
     // By their numbers, as what they have in common is told by.
-    let mut by_pose: Vec<Compared> =
-        std::iter::repeat_with(|| "it was not asked for".into()).map(Err).take(photographs.poses()).collect();
+    let not_asked = (0..photographs.poses()).map(|_| Unregistered::from("it was not asked for"));
+    let mut by_pose: Vec<Compared> = not_asked.map(Err).collect();
     for (&pose, found) in all.iter().zip(compared) {
         by_pose[pose] = found;
     }

@@ -250,7 +250,8 @@ fn options_text(options: &FitOptions) -> String {
 fn blocks_of(store: &SampledStore, part: Part) -> Result<Vec<Window>> {
     let mut blocks = store.blocks();
     if part.count > blocks.len() {
-        let message = format!("{} parts were asked for; the store has {} chunks", part.count, blocks.len());
+        let chunks = progress::counted(blocks.len() as u64, "chunk", "chunks");
+        let message = format!("{} parts were asked for; the store has {chunks}", part.count);
         return Err(Error::input(format!("{message}, of which each part takes at least one")));
     }
     let range = part.range(blocks.len());

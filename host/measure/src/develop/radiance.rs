@@ -117,6 +117,9 @@ const MOST_DISAGREEING: f64 = 0.25;
 /// Two exposures can be told to be dark and light where noise is below this part of the brighter.
 const TOLD: f64 = 0.7;
 
+/// What two exposures of one scene have in common, see [`likeness`].
+const LIKE: std::ops::RangeInclusive<f64> = 0.5..=2.0;
+
 /// Fewer pixels than this say nothing.
 const LEAST_COMPARED: usize = 200;
 
@@ -159,7 +162,52 @@ pub fn contradiction(
         })
     };
     let pairs = (1..bracket.len()).map(|second| (second - 1, second));
-    pairs.into_iter().find(|&(first, second)| contradict(&bracket[first], &bracket[second]))
+    pairs.into_iter().find(|&(first, second)| {
+        let [first, second] = [&bracket[first], &bracket[second]];
+        let likeness = likeness(camera, dark, first, second);
+        contradict(first, second) || likeness.is_some_and(|slope| !LIKE.contains(&slope))
+    })
+}
+
+/// How much of what the longer of two exposures shows is in the shorter one too: the slope of the regression of the one's values on what the
+/// other predicts, 1 of one scene and 0 of darkness. Pixels that are below their noise, each by itself, tell it together, and a level
+/// that is off does not matter. `None` where they do not tell it.
+fn likeness(
+    camera: &Camera,
+    dark: &DarkSignal,
+    first: &BracketedFrame,
+    second: &BracketedFrame,
+) -> Option<f64> {
+    /// The slope must be known to this.
+    const KNOWN: f64 = 0.05;
+    let time = |one: &BracketedFrame| one.frame.exposure_s * one.lamp_relative;
+    let (short, long) = if time(first) <= time(second) { (first, second) } else { (second, first) };
+    let scale = time(short) / time(long);
+    let (limit, read) = (saturation(camera), read_variance(camera));
+    // The sensor's value above the dark signal and its variance.
+    let light = |k: usize, one: &BracketedFrame| {
+        let value = one.frame.values[k];
+        let signal = f64::from(f32::from(value) - dark.at(k, one.frame.exposure_s));
+        (value < limit).then_some((signal, signal.max(0.0) / camera.electrons_per_value + 2.0 * read))
+    };
+    let (mut count, mut x, mut y, mut xx, mut xy, mut noise_x, mut noise_y) =
+        (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0);
+    for k in 0..short.frame.values.len().min(long.frame.values.len()) {
+        let (Some(short), Some(long)) = (light(k, short), light(k, long)) else { continue };
+        let predicted = long.0 * scale;
+        count += 1.0;
+        x += predicted;
+        y += short.0;
+        xx += predicted * predicted;
+        xy += predicted * short.0;
+        noise_x += long.1 * scale * scale;
+        noise_y += short.1;
+    }
+    // What the scene makes of the spread, without what noise does.
+    let spread = (xx - x * x / count - noise_x) / count;
+    let known = (noise_y / count / count / spread).sqrt();
+    let told = count >= LEAST_COMPARED as f64 && spread > 0.0 && known < KNOWN;
+    told.then(|| (xy - x * y / count) / count / spread)
 }
 
 /// The value from which on a pixel counts as saturated.
@@ -321,6 +369,13 @@ mod tests {
         let late =
             [BracketedFrame { frame: frame(&camera, 0.05, 0.0), lamp_relative: 1.0 }, scene(0.5, 0, 0.1)];
         assert_eq!(contradiction(&camera, &dark, &late), Some((0, 1)), "darkness and light");
+        // So much longer a second exposure that no pixel of the first tells darkness from light by itself, and a dark frame that was
+        // exposed for longer, so that its level is off.
+        let [short, long] = [scene(0.02, 0, 1.0), scene(0.4, 0, 0.05)];
+        let dark_frame = RawFrame { exposure_s: 0.02, ..frame(&camera, 2.0, 0.0) };
+        let late = [BracketedFrame { frame: dark_frame, lamp_relative: 1.0 }, long];
+        assert_eq!(contradiction(&camera, &dark, &late), Some((0, 1)), "darkness and faint light");
+        assert_eq!(contradiction(&camera, &dark, &[short, scene(0.4, 0, 1.0)]), None);
     }
 
     #[test]

@@ -36,7 +36,7 @@ pub fn explain<T>(
             unregistered.why += &format!("; they fit pose {other}, whose photograph it may be");
         }
     }
-    let contradictory: Vec<(usize, &[Shown])> = registrations
+    let contradictory: Vec<Contradictory<'_>> = registrations
         .iter()
         .enumerate()
         .filter_map(|(pose, found)| Some((pose, found.as_ref().err()?.contradictory.as_slice())))
@@ -97,10 +97,13 @@ fn shift(
     Some(CommonFault { poses, sentence })
 }
 
+/// A pose and what each of its exposures shows.
+type Contradictory<'a> = (usize, &'a [Shown]);
+
 /// Exposures of one pose that do not show the same, in several poses: those of a shift by fewer photographs than a pose has show its
 /// own pose and a neighbour's.
 fn mixed(
-    contradictory: &[(usize, &[Shown])],
+    contradictory: &[Contradictory<'_>],
     shows: impl Fn(&SeenPose, usize) -> bool,
 ) -> Option<CommonFault> {
     let poses = contradictory.len();
@@ -111,10 +114,18 @@ fn mixed(
         (Shown::Elsewhere(seen), Some(pose)) => shows(seen, pose),
         _ => false,
     };
-    let late = |(pose, shown): &(usize, &[Shown])| matches!(shown, [first, .., Shown::Own] if of(first, pose.checked_sub(1)));
-    let early = |(pose, shown): &(usize, &[Shown])| matches!(shown, [Shown::Own, .., last] if of(last, pose.checked_add(1)));
-    let late: Vec<usize> = contradictory.iter().filter(|one| late(one)).map(|(pose, _)| *pose).collect();
-    let early: Vec<usize> = contradictory.iter().filter(|one| early(one)).map(|(pose, _)| *pose).collect();
+    let late = |(pose, shown): &Contradictory<'_>| match shown {
+        [first, .., Shown::Own] => of(first, pose.checked_sub(1)),
+        _ => false,
+    };
+    let early = |(pose, shown): &Contradictory<'_>| match shown {
+        [Shown::Own, .., last] => of(last, pose.checked_add(1)),
+        _ => false,
+    };
+    let places = |is: &dyn Fn(&Contradictory<'_>) -> bool| -> Vec<usize> {
+        contradictory.iter().filter(|one| is(one)).map(|(pose, _)| *pose).collect()
+    };
+    let (late, early) = (places(&late), places(&early));
     let (shifted, which) = if late.len() >= early.len() {
         (late, "first show the pose before")
     } else {

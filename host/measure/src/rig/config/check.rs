@@ -286,6 +286,7 @@ fn check_driver(driver: &Driver) -> std::result::Result<(), (&'static str, Strin
 
 #[cfg(test)]
 mod tests {
+    use super::super::Homing;
     use super::*;
     use crate::plan::{self, Extent};
 
@@ -346,11 +347,6 @@ mod tests {
     /// Photographs that were taken all the same are developed.
     #[test]
     fn a_rig_that_no_run_would_end_well_with_is_not_driven_but_a_run_of_it_is_read() {
-        let fast = |rig: &mut RigConfig| {
-            rig.axes.pan.acceleration_deg_s2 = 20.0;
-            rig.axes.pan.homing =
-                Some(super::super::Homing { speed_deg_s: Some(20.0), ..super::super::Homing::default() });
-        };
         let refused = |change: fn(&mut RigConfig), why: &str| {
             let mut config = RigConfig::default();
             change(&mut config);
@@ -361,6 +357,10 @@ mod tests {
         };
         refused(|rig| rig.lamp.lease_s = 0.4, "lamp.lease_s is 0.4, must be 0 for never or at least 1");
         refused(|rig| rig.motion.lease_s = 0.1, "motion.lease_s is 0.1");
+        let fast = |rig: &mut RigConfig| {
+            rig.axes.pan.acceleration_deg_s2 = 20.0;
+            rig.axes.pan.homing = Some(Homing { speed_deg_s: Some(20.0), ..Homing::default() });
+        };
         refused(fast, "axes.pan.homing.speed_deg_s is 20");
         let mut never = RigConfig::default();
         (never.lamp.lease_s, never.motion.lease_s) = (0.0, 0.0);
