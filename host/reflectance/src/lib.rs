@@ -12,7 +12,7 @@
 //! # fn main() -> Result<(), lobelia_reflectance::FormatError> {
 //! # let folder = tempfile::tempdir()?;
 //! # let path = folder.path().join("material.exr");
-//! // A map of two texels: one matt, one with a lobe that shines forward.
+//! // A map of two texels: one matt, of albedo 0.2, one with a lobe that shines forward.
 //! let matt = LobeBrdf::diffuse(Rgb::splat(0.2));
 //! let lobe = Lobe::new(Rgb::splat(0.5), Vec3::new(-1.0, -1.0, 0.95), 30.0);
 //! let shiny = LobeBrdf { lobes: vec![lobe], ..matt.clone() };
@@ -21,7 +21,7 @@
 //! let map = SbrdfMap::read_exr(&path)?;
 //! let light = Vec3::new(0.6, 0.0, 0.8);
 //! let mirrored = Vec3::new(-0.6, 0.0, 0.8);
-//! assert!((map.eval(0, light, mirrored).x - 0.2).abs() < 1e-3);
+//! assert!((map.eval(0, light, mirrored).x - 0.2 / std::f32::consts::PI).abs() < 1e-3);
 //! assert!(map.eval(1, light, mirrored).x > map.eval(1, light, light).x);
 //! # Ok(())
 //! # }
