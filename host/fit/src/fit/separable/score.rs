@@ -1,4 +1,4 @@
-//! How much each shape of a [`bank`](super::bank) would lower the cost beside a model's.
+//! How much each shape of a [`bank`] would lower the cost beside a model's.
 //!
 //! To first order, from products of the bank's shapes with what the model leaves of the samples, what the model spans being free to follow: its amplitudes
 //! and, of one lobe or two, its shapes.
