@@ -6,7 +6,7 @@
 //!
 //! Only the older slot is ever erased and written, its checksum last. So after a cut at any byte the newer one still stands, or the
 //! new one does; never half of one. Numbers are little-endian. Parameters outlive an update of the program that leaves them as they are, and
-//! one that adds some, which then have their defaults ([`layouts`]).
+//! one that adds some, which then have their defaults (`layouts`).
 
 mod layouts;
 
