@@ -13,7 +13,7 @@ unsafe extern "C" {
 }
 
 /// Words looked at in one turn.
-const AT_ONCE: usize = 32;
+const AT_ONCE: usize = 8;
 
 /// Words from the stack's end that were never written, as far as is known; none is known of at the start.
 static UNTOUCHED: AtomicUsize = AtomicUsize::new(usize::MAX);

@@ -236,12 +236,12 @@ impl<B: Board> Controller<B> {
 
     /// Another configuration makes positions unknown: steps may mean something else.
     fn configure(&mut self, now_us: u64, settings: Settings) -> Result<(), Trouble> {
-        let set = self.configuration.map(|configuration| configuration.axes);
+        let set = self.configuration.as_ref().map(|configuration| configuration.axes);
         let axis = |k: usize| self.prepared[k].or(set.map(|axes| axes[k]));
         let [Some(pan), Some(tilt), Some(roll), Some(light)] = array::from_fn(axis) else {
             return Err(Refusal::NotConfigured.into());
         };
-        let keep_outs = self.prepared_keep_outs.or(self.configuration.map(|set| set.keep_outs));
+        let keep_outs = self.prepared_keep_outs.or(self.configuration.as_ref().map(|set| set.keep_outs));
         let keep_outs = keep_outs.unwrap_or([None; KEEP_OUTS]);
         let configuration = Configuration { axes: [pan, tilt, roll, light], settings, keep_outs };
         parameters::validate(&configuration, self.options.most_steps_per_s)?;

@@ -69,10 +69,9 @@ impl<B: Board> Controller<B> {
     /// Looks at the alarm inputs of the axes that have one. A failed driver is a fault of its axis, moving or not; a stall one while
     /// it moves.
     pub(super) fn mind_alarms(&mut self, now_us: u64) {
-        let Some(configuration) = self.configuration else { return };
         for axis in Axis::ALL {
             let k = axis.index();
-            let meaning = configuration.axes[k].alarm;
+            let meaning = self.alarm_means(k);
             let alarms = self.options.alarms.unwrap_or(&self.own_alarms);
             let Some(line) = self.lines.alarm[k].as_mut().filter(|_| meaning != Alarm::None) else {
                 continue;
@@ -98,8 +97,12 @@ impl<B: Board> Controller<B> {
     /// Which alarm inputs are active, of those that mean something.
     pub(super) fn active_alarms(&self) -> [bool; AXES] {
         let alarms = self.options.alarms.unwrap_or(&self.own_alarms);
-        let meant = |k: usize| self.configuration.is_some_and(|all| all.axes[k].alarm != Alarm::None);
-        array::from_fn(|k| meant(k) && alarms.is_active(k))
+        array::from_fn(|k| self.alarm_means(k) != Alarm::None && alarms.is_active(k))
+    }
+
+    /// What an axis's alarm input means; nothing before there are parameters.
+    fn alarm_means(&self, axis: usize) -> Alarm {
+        self.configuration.as_ref().map_or(Alarm::None, |configuration| configuration.axes[axis].alarm)
     }
 
     /// When an alarm input that is active will count, in µs.

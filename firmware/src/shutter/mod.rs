@@ -12,6 +12,8 @@ use crate::board::{AnalogInput, Line, PinFailure, Readings, TimedShutter, set};
 const READING_EVERY_US: u32 = 1000;
 /// An exposure that was open longer than asked for by more than this is refused, µs.
 const MAX_LATE_US: u64 = 10;
+/// The last of them is at least this long before the end, µs: the poll that makes it must not delay the one that closes.
+const BEFORE_END_US: u64 = 120;
 /// Fewest readings of an exposure.
 const LEAST_READINGS: u32 = 16;
 
@@ -39,7 +41,7 @@ struct Open {
 /// How the photodiode is read.
 #[derive(Debug)]
 enum Meter {
-    /// At so many midpoints of equal parts.
+    /// At so many midpoints of equal parts, or just before the end.
     Polled { planned: u32 },
     /// By itself; asked next at a time in µs.
     Itself { ask_us: u64 },
@@ -74,7 +76,8 @@ impl Open {
         match self.photodiode {
             Meter::Polled { planned } if self.readings.count < planned => {
                 let half_parts = u64::from(2 * self.readings.count + 1);
-                self.start_us + u64::from(self.duration_us) * half_parts / u64::from(2 * planned)
+                let middle = u64::from(self.duration_us) * half_parts / u64::from(2 * planned);
+                (self.start_us + middle).min(self.end_us().saturating_sub(BEFORE_END_US))
             }
             Meter::Polled { .. } => u64::MAX,
             Meter::Itself { ask_us } => ask_us,
