@@ -30,14 +30,16 @@ impl<B: Board> Controller<B> {
 
     /// When the lamp has burnt for as long as it may, in µs.
     pub(super) fn lamp_end_us(&self) -> u64 {
-        self.lamp
-            .burnt_us(self.configuration.as_ref().map_or(0, |configuration| configuration.settings.lamp_longest_s))
+        self.lamp.burnt_us(
+            self.configuration.as_ref().map_or(0, |configuration| configuration.settings.lamp_longest_s),
+        )
     }
 
     /// Ends the lease, or the time of the lamp, when it is over.
     pub(super) fn mind_times(&mut self, now_us: u64) {
         if now_us >= self.lease_end_us() {
-            let level = self.configuration.as_ref().map_or(0, |configuration| configuration.settings.lamp_safe_level);
+            let level =
+                self.configuration.as_ref().map_or(0, |configuration| configuration.settings.lamp_safe_level);
             self.expire(now_us, Fault::LeaseExpired, level);
         }
         if now_us >= self.lamp_end_us() {
@@ -59,8 +61,9 @@ impl<B: Board> Controller<B> {
     }
 
     fn fan_until_us(&self) -> u64 {
-        self.lamp
-            .fan_until_us(self.configuration.as_ref().map_or(0, |configuration| configuration.settings.fan_run_on_s))
+        self.lamp.fan_until_us(
+            self.configuration.as_ref().map_or(0, |configuration| configuration.settings.fan_run_on_s),
+        )
     }
 
     /// When something is due for lamp or fan, in µs.

@@ -24,7 +24,8 @@ impl<B: Board> Controller<B> {
         if warm_lamp && !lamp.warm {
             return Err(Refusal::LampNotWarm { remaining_s: lamp.on.then_some(lamp.remaining_s) }.into());
         }
-        let wait_ms = self.configuration.as_ref().map_or(0, |configuration| configuration.settings.camera_wait_ms);
+        let wait_ms =
+            self.configuration.as_ref().map_or(0, |configuration| configuration.settings.camera_wait_ms);
         // A rest before each exposure, whatever was before it: times do not depend on the past.
         let look_us = now_us + REST_US;
         Ok(Task::AwaitCamera {
@@ -72,7 +73,8 @@ impl<B: Board> Controller<B> {
 
     /// Whether the lamp should have been brighter than this.
     fn is_dark(&self, now_us: u64, reference_q8: u32) -> bool {
-        let least = self.configuration.as_ref().map_or(0, |configuration| configuration.settings.lamp_least_reading);
+        let least =
+            self.configuration.as_ref().map_or(0, |configuration| configuration.settings.lamp_least_reading);
         let level = self.lamp_status(now_us).level;
         let least_q8 = (u64::from(least) << 8) * u64::from(level) / u64::from(u16::MAX);
         u64::from(reference_q8) < least_q8

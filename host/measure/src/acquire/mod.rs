@@ -305,7 +305,7 @@ impl Steps<'_> {
             file: file.into(),
             open_s: f64::from(exposure.open_us) / 1e6,
             lamp_reading: f64::from(exposure.reference_q8) / 256.0,
-            flicker: Some(f64::from(exposure.flicker_ppm) * 1e-6),
+            flicker: Some(f64::from(exposure.flicker_ppm) / 1e6),
         })
     }
 }

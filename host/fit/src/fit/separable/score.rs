@@ -256,3 +256,44 @@ fn spanned(layout: Layout, at: &Amplitudes) -> impl Iterator<Item = usize> {
     let moving = layout.each_derivative().filter(move |&(term, _)| plain && lit(term));
     linear.chain(moving.map(move |(term, column)| layout.derivative(term, column)))
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::bank::exponent;
+    use super::*;
+
+    /// Scores of 24 directions whose maximum lies at a place between them, a parabola each way.
+    fn parabola(direction: f64, octave: f64) -> Scores {
+        let score = |i: usize| {
+            let (place, step) = ((i / EXPONENTS) as f64, (i % EXPONENTS) as f64);
+            (9.0 - 2.0 * (place - direction).powi(2) - 3.0 * (step - octave).powi(2)) as f32
+        };
+        Scores { scores: (0..24 * EXPONENTS).map(score).collect(), ..Scores::default() }
+    }
+
+    /// Vertex and height of the parabolas are known.
+    #[test]
+    fn a_maximum_between_the_banks_shapes_is_found_there() {
+        for (direction, octave) in [(7.0, 4.0), (7.3, 4.0), (6.6, 4.4), (7.1, 3.7)] {
+            let scores = parabola(direction, octave);
+            let index = 7 * EXPONENTS + 4;
+            let found = scores.between(index, |place| Some([place - 1, place + 1]), 7.0 * STEP);
+            assert!((found.angle - direction * STEP).abs() < 1e-5, "{direction} {octave}: {found:?}");
+            assert!((found.n / exponent(octave) - 1.0).abs() < 1e-5, "{direction} {octave}: {found:?}");
+            assert!((found.score - 9.0).abs() < 1e-5, "{direction} {octave}: {found:?}");
+            // Without neighbours all round, the direction stays.
+            let alone = scores.between(index, |_| None, 7.0 * STEP);
+            assert!(alone.angle == 7.0 * STEP && alone.n == found.n, "{alone:?}");
+        }
+    }
+
+    #[test]
+    fn directions_beside_a_gap_have_no_two_neighbours() {
+        let all: Vec<f64> = (0..24).map(|k| (f64::from(k) + 0.5) * STEP).collect();
+        let bank = |angles: &[f64]| Bank { angles: angles.to_vec(), ..Bank::default() };
+        assert_eq!(bank(&all).neighbours(0), Some([23, 1]));
+        assert_eq!(bank(&all).neighbours(5), Some([4, 6]));
+        let gap = bank(&[&all[..6], &all[8..]].concat());
+        assert_eq!([gap.neighbours(4), gap.neighbours(5), gap.neighbours(6)], [Some([3, 5]), None, None]);
+    }
+}
