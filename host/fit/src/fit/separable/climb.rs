@@ -172,8 +172,9 @@ impl Workspace {
         let floor = below.into_iter().chain(wide).map(|known| known.cost).fold(f64::INFINITY, f64::min);
         let fresh = start.is_none();
         // A neighbour's lobe that only fits noise here leads nowhere.
-        let start =
-            start.filter(|(_, near)| task.choose || wide.is_some() || start::is_told(solver, task, near));
+        let start = start.filter(|(_, near)| {
+            task.choose || wide.is_some() || task.lobes > 2 || start::is_told(solver, task, near)
+        });
         let followed = start.map(|(_, near)| start::follow(solver, task, near, floor, wide));
         match followed {
             // Of three lobes and more a neighbour's may be good, and others better.

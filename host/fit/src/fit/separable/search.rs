@@ -14,12 +14,9 @@ use super::score::{Maximum, Scores};
 use super::solver::Solver;
 use super::start::{Found, Known, level, minimise};
 use super::task::{Effort, Task};
-use super::uncertainty;
 
 /// Sets whose costs differ by no more than this share are the same.
 const ALIKE: f64 = 1e-3;
-/// A lobe that only fits noise is optimised until a step promises less than this share of the cost.
-const OF_NOISE: f64 = 1e-4;
 /// A set that after a few steps is above so many times the best cost is not followed further.
 const HOPEFUL: f64 = 1.1;
 
@@ -154,11 +151,7 @@ impl Search {
         for end in ends {
             if best.as_ref().is_none_or(|best| end.cost < HOPEFUL * best.cost) {
                 let mut model = end.model;
-                let mut limits = task.effort.limits;
-                if below.is_some_and(|below| uncertainty::is_noise(solver, below.cost - end.cost, end.cost)) {
-                    limits.tolerance = limits.tolerance.max(OF_NOISE);
-                }
-                let (at, _) = minimise(solver, task, limits, &mut model);
+                let (at, _) = minimise(solver, task, task.effort.limits, &mut model);
                 if best.as_ref().is_none_or(|best| at.cost < best.cost) {
                     best = Some(Known { model, level: level(solver, &at), cost: at.cost });
                 }

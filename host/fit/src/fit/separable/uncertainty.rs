@@ -209,12 +209,6 @@ pub(super) fn variance(solver: &Solver, layout: Layout, at: &Amplitudes) -> f64 
     at.cost / (solver.data.telling() * layout.channels).saturating_sub(unknowns).max(1) as f64
 }
 
-/// Whether a lobe more that lowers the cost by `gain`, to `cost`, only fits noise.
-pub fn is_noise(solver: &Solver, gain: f64, cost: f64) -> bool {
-    let samples = solver.data.telling() * solver.data.channels;
-    gain < TOLD * cost / samples.max(1) as f64
-}
-
 /// Which lobes of a model that was evaluated last are told from noise.
 pub fn told(solver: &Solver, layout: Layout, at: &Amplitudes) -> Vec<bool> {
     let mut rises = vec![0.0; layout.terms()];
