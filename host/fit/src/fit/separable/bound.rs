@@ -260,6 +260,9 @@ fn hold_channel(
         }
     }
     let was = cost(at, gram, layout, channel);
+    if !was.is_finite() {
+        return;
+    }
     at.x[channel] = [0.0; LINEAR];
     at.free[channel] = [false; LINEAR];
     if let Some(found) = quadratic::minimise(&hessian[..count * count], &rhs[..count], &inequalities) {
@@ -292,7 +295,7 @@ fn cost(at: &Amplitudes, gram: &Gram, layout: Layout, channel: usize) -> f64 {
             (0..=layout.terms()).map(|j| gram[layout.column(i) * WIDTH + layout.column(j)] * x[j]).sum();
         cost += x[i] * (product - 2.0 * gram[layout.column(i) * WIDTH + goal]);
     }
-    cost.max(0.0)
+    normal::squares(cost)
 }
 
 /// The normal equations of the shapes where amplitudes press against the limit: they move along it as the shapes change.

@@ -105,9 +105,14 @@ pub fn amplitudes(gram: &Gram, layout: Layout, most: &Most) -> Amplitudes {
             found.x[channel][first + i] = x[i];
             found.free[channel][first + i] = free[i];
         }
-        found.cost += cost.max(0.0);
+        found.cost += squares(cost);
     }
     found
+}
+
+/// Squared residuals from their expanded form: rounding may take it below 0, and products that overflowed are the worst fit there is.
+pub(super) fn squares(expanded: f64) -> f64 {
+    if expanded.is_finite() { expanded.max(0.0) } else { f64::INFINITY }
 }
 
 /// Least squares between 0 and `cap`: what exceeds its cap is held there, and the rest solved again.
@@ -226,6 +231,26 @@ fn project(gram: &Gram, layout: Layout, free: &[bool; LINEAR], weight: &[f64], n
             let spanned: f64 = (0..count).map(|k| row_a[k] * row_b[k]).sum();
             let product = gram[place_a * WIDTH + layout.derivative(term_b, column_b)];
             normal.matrix[s * normal.size + t] += weight[term_a * MOST_TERMS + term_b] * (product - spanned);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::layout::Family;
+    use super::*;
+
+    /// f64's own maximum of NaN and 0 is 0, a perfect fit.
+    #[test]
+    fn shapes_whose_products_are_no_numbers_are_the_worst_fit_and_not_the_best() {
+        let layout = Layout { channels: 1, ..Layout::of(Family::Isotropic, &Default::default()) };
+        let mut gram: Box<Gram> = Box::new([1.0; WIDTH * WIDTH]);
+        let most = Most { lobes: [1.0; CHANNELS], coats: [1.0; CHANNELS], shares: [1.0; MOST_LOBES] };
+        assert!(amplitudes(&gram, layout, &most).cost < 1e-9);
+        for bad in [f64::NAN, f64::INFINITY] {
+            gram[layout.column(0) * (WIDTH + 1)] = bad;
+            gram[layout.column(0) * WIDTH + 1] = bad;
+            assert_eq!(amplitudes(&gram, layout, &most).cost, f64::INFINITY, "{bad}");
         }
     }
 }

@@ -136,6 +136,18 @@ fn contained(options: &FitOptions) -> Vec<FitOptions> {
 const ALIKE: f64 = 5e-3;
 
 fn check(name: &str, sampled: &SampledSbrdf, options: &FitOptions, step: usize, least: f64) {
+    let fault = fault(name, sampled, options, step, least);
+    assert!(fault.is_none(), "{}", fault.unwrap());
+}
+
+/// What is wrong with a fit, if anything: fewer texels than `least`, less two standard errors, reach the best of 64, or one is above a nested fit.
+fn fault(
+    name: &str,
+    sampled: &SampledSbrdf,
+    options: &FitOptions,
+    step: usize,
+    least: f64,
+) -> Option<String> {
     let judged = judge(sampled, options, &contained(options), step, 64);
     let ratios = |share: f64| {
         let mut sorted = judged.over_random.clone();
@@ -152,20 +164,21 @@ fn check(name: &str, sampled: &SampledSbrdf, options: &FitOptions, step: usize, 
         ratios(1.0),
         judged.worst_over_nested(),
     );
-    assert!(judged.within(0.02) >= least, "{name} {options:?}");
-    assert!(judged.worst_over_nested() <= 1.0 + ALIKE, "{name} {options:?}: {}", judged.worst_over_nested());
+    let texels = judged.over_random.len() as f64;
+    let least = least - 2.0 * (least * (1.0 - least) / texels).sqrt();
+    let (within, over) = (judged.within(0.02), judged.worst_over_nested());
+    (within < least || over > 1.0 + ALIKE)
+        .then(|| format!("{name}, {options:?}: {within} within 2 %, over nested fits {over}"))
 }
 
 #[test]
 fn on_the_small_demo_fits_reach_the_best_of_64_random_starts_and_are_never_above_nested_fits() {
     let sampled = photographed(Size::Small, 120, None);
-    // About 90 texels; two standard errors below what the long sweep asks for.
-    for (lobes, isotropic, least) in [(1, true, 0.97), (2, true, 0.935), (2, false, 0.935), (3, true, 0.935)]
-    {
+    for (lobes, isotropic, least) in [(1, true, 0.99), (2, true, 0.97), (2, false, 0.97), (3, true, 0.97)] {
         check("demo", &sampled, &fixed(lobes, isotropic), 23, least);
     }
     let sigma = FitOptions { weights: Weights::Sigma, residual: Residual::Linear, ..fixed(2, false) };
-    check("demo by sigma", &sampled, &sigma, 23, 0.935);
+    check("demo by sigma", &sampled, &sigma, 23, 0.97);
 }
 
 #[test]
@@ -205,6 +218,7 @@ fn no_texel_of_the_small_demo_makes_light() {
 #[test]
 #[ignore = "long: cargo xtask long"]
 fn on_medium_samples_fits_reach_the_best_of_64_random_starts_and_are_never_above_nested_fits() {
+    let mut faults = Vec::new();
     for (poses, recipe) in
         [(100, None), (200, None), (400, None), (200, Some("cloth.toml")), (300, Some("published.toml"))]
     {
@@ -218,7 +232,8 @@ fn on_medium_samples_fits_reach_the_best_of_64_random_starts_and_are_never_above
             (3, true, 0.97),
             (3, false, 0.97),
         ] {
-            check(&name, &sampled, &fixed(lobes, isotropic), 67, least);
+            faults.extend(fault(&name, &sampled, &fixed(lobes, isotropic), 67, least));
         }
     }
+    assert!(faults.is_empty(), "{}", faults.join("\n"));
 }
