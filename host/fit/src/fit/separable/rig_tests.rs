@@ -94,15 +94,16 @@ fn judge(
     let mut judged = Judged { over_random: Vec::new(), over_nested: Vec::new() };
     let bound = options.largest_albedo().map(|albedo| Bound { albedo, fixed: [0.0; CHANNELS] });
     // What is limited where no pose looked has limits of its own.
-    let limited = |index: &usize| map.extra.get("bounded").is_some_and(|plane| plane[*index] > 0.0);
-    for index in (0..sampled.texels()).step_by(step).filter(|index| !limited(index)) {
+    let limited = |map: &SbrdfMap, index| map.extra.get("bounded").is_some_and(|plane| plane[index] > 0.0);
+    for index in (0..sampled.texels()).step_by(step).filter(|&index| !limited(&map, index)) {
         workspace.settle(&poses, sampled, index);
         workspace.load(&poses, sampled, index, options);
         let task = workspace.aim(options, &[0, 1, 2]);
         workspace.solver.hold(bound);
         let solver = &mut workspace.solver;
         let cost = cost_of(solver, family, &map.texel(index));
-        for map in &nested {
+        // A fit that met its limits searched anew for them, and may have found more than on the way to more lobes.
+        for map in nested.iter().filter(|map| !limited(map, index)) {
             judged.over_nested.push(cost / cost_of(solver, family, &map.texel(index)));
         }
         let task = Task { effort: Effort::texel(task.lobes), family, ..task };
