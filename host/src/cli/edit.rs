@@ -549,7 +549,9 @@ mod tests {
     #[test]
     fn inputs_that_do_not_fit_end_with_a_sentence_that_names_them() {
         let folder = folder();
-        crate::files::write_bytes(&folder.path().join("run/journal.jsonl"), b"").unwrap();
+        for run in ["r.exr", "r.png"] {
+            crate::files::write_bytes(&folder.path().join(run).join("journal.jsonl"), b"").unwrap();
+        }
         for (line, part) in [
             ("mean small.exr --mask mask.png -o o.exr", "mask.png has 8 × 6"),
             ("composite a.exr small.exr --mask mask.png -o o.exr", "small.exr has 1 × 1"),
@@ -561,8 +563,8 @@ mod tests {
                 "mean mask.png -o o.exr",
                 "mask.png: not a readable OpenEXR file: it does not begin as one does",
             ),
-            ("mean run -o o.exr", "run: a run, no OpenEXR file"),
-            ("replace-diffuse a.exr --photo run -o o.exr", "run: a run, where a file is needed"),
+            ("mean r.exr -o o.exr", "r.exr: a run, no OpenEXR file"),
+            ("replace-diffuse a.exr --photo r.png -o o.exr", "r.png: a run, where a file is needed"),
             ("mean a.exr --lobes 99 -o o.exr", "99 lobes"),
         ] {
             let error = edit(folder.path(), line).unwrap_err();

@@ -164,7 +164,8 @@ fn check(photographs: &Photographs, map: &SbrdfMap, wanted: &[usize]) -> Result<
     let (width, height) = (carrier.texels_across, carrier.texels_down());
     if (map.width, map.height) != (width, height) {
         let message = format!(
-            "the map has {} × {} texels, the run's rig {width} × {height}; name the rig that it was developed by with --rig or --set",
+            "the map has {} × {} texels, the run's rig {width} × {height}; name the rig that it was developed by with --rig or --set; a \
+             region's map cannot be compared",
             map.width, map.height
         );
         return Err(Error::input(message));
