@@ -164,6 +164,11 @@ fn what_is_left_out_is_a_warning_that_a_quiet_report_has_too_in_develop_and_in_c
             assert_eq!(left_out, [("left_out".to_string(), vec![4])], "{command:?} {report}");
         }
     }
+    assert!(
+        fs::read_to_string(path.join("compare/compare.html"))
+            .unwrap()
+            .contains("pose 4</td><td>the tags show")
+    );
     // What was asked for is none.
     succeed(path, &["develop", "run", "-o", "s.zarr", "--skip-pose", "4", "--report", "asked.json"]);
     assert!(warnings(&path.join("asked.json")).iter().all(|(kind, _)| kind != "left_out"));
@@ -299,6 +304,14 @@ fn a_run_is_developed_again_by_other_settings_which_the_store_keeps_beside_the_r
     let own = fs::read_to_string(path.join("run/rig.toml")).unwrap();
     assert_eq!(root["attributes"]["run_rig_toml"].as_str().unwrap(), own);
 
+    // What was developed otherwise is compared otherwise.
+    SbrdfMap::new(32, 32, 1).write_exr(&path.join("fine.exr")).unwrap();
+    run(path, &["compare", "run", "fine.exr"]).refuses(2, &["32 × 32", "8 × 8", "--set"]);
+    succeed(path, &["compare", "run", "fine.exr", "--set", "carrier.texels_across=32"]);
+
+    for (region, says) in [("2,1,4,30", "goes beyond the sample's 8 × 8"), ("2,1,0,3", "is empty")] {
+        run(path, &["develop", "run", "-o", "no.zarr", "--region", region]).refuses(2, &[says]);
+    }
     develop(&["part.zarr", "--region", "2,1,4,3"]);
     let [whole, part] =
         ["whole.zarr", "part.zarr"].map(|name| SampledSbrdf::read_zarr(&path.join(name)).unwrap());
@@ -316,6 +329,9 @@ fn a_run_is_developed_again_by_other_settings_which_the_store_keeps_beside_the_r
     run(path, &["develop", "run", "-o", "no.zarr", "--set", "carrier.texels_across=4"])
         .refuses(2, &["changed"]);
     develop(&["named.zarr", "--rig", "run/rig.toml"]);
+    SbrdfMap::new(8, 8, 1).write_exr(&path.join("m.exr")).unwrap();
+    run(path, &["compare", "run", "m.exr"]).refuses(2, &["run/rig.toml", "changed", "--rig"]);
+    succeed(path, &["compare", "run", "m.exr", "--rig", "run/rig.toml"]);
     run(path, &["develop", "run", "-o", "no.zarr", "--rig", "run/rig.toml", "--set", "camera.width=0"])
         .refuses(2, &["--set camera.width=0", "camera.width"]);
     run(path, &["develop", "run", "-o", "no.zarr", "--rig", "run/plan.toml"])
@@ -361,4 +377,20 @@ fn what_is_there_of_a_run_is_developed_and_what_is_not_is_named() {
     run(path, &develop).refuses(2, &["pose 1", "pose-00001-1.tiff", "--skip-pose 1"]);
     succeed(path, &[&develop[..], &["--skip-pose", "1", "--quiet"]].concat());
     run(path, &[&develop[..], &["--skip-pose", "4-9"]].concat()).refuses(2, &["pose 6 is not in the plan"]);
+}
+
+/// Killed between its last photograph and its last look at the home switches, which alone tells of steps that the light's arm lost.
+#[test]
+fn a_run_whose_last_check_is_still_to_come_is_not_taken_for_a_finished_one() {
+    let folder = measured(2);
+    let path = folder.path();
+    let journal = path.join("run/journal.jsonl");
+    let text = fs::read_to_string(&journal).unwrap();
+    let place = text.find("{\"record\":\"checked\"").unwrap();
+    fs::write(&journal, &text[..place]).unwrap();
+    let develop = ["develop", "run", "-o", "s.zarr"];
+    run(path, &develop).refuses(2, &["not that the run ended", "--resume", "--partial"]);
+    succeed(path, &[&develop[..], &["--partial"]].concat());
+    succeed(path, &["acquire", "--resume", "--port", "sim", "--camera", "sim", "-o", "run"]);
+    succeed(path, &develop);
 }

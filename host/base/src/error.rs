@@ -3,6 +3,8 @@
 use std::fmt;
 use std::path::Path;
 
+use crate::files;
+
 /// An error with a sentence for the user: what is wrong, where (file, line, pose, texel) and what to do.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Error {
@@ -36,8 +38,13 @@ impl Error {
         Self { kind: Kind::Failure, message: message.into() }
     }
 
-    /// A file that could not be read: input when it is missing or not readable as what it should be.
+    /// A file that could not be read: input when it is missing or not readable as what it should be. What stands in its place is named
+    /// where it is a folder.
     pub fn reading(path: &Path, error: impl fmt::Display) -> Self {
+        if path.is_dir() {
+            let what = files::what_is(path).unwrap_or("a folder");
+            return Self::input(format!("{}: {what}, where a file is needed", path.display()));
+        }
         let (name, error) = (path.display().to_string(), one_line(error));
         // Some readers name the file themselves.
         if error.starts_with(&name) {

@@ -14,12 +14,18 @@ pub fn check(bytes: u128, what: &str, instead: &str) -> Result<()> {
     if bytes <= u128::from(most) {
         return Ok(());
     }
-    let gib = |bytes: f64| bytes / f64::from(1 << 30);
+    let (needed, most) = (gib(bytes as f64), gib(most as f64));
     Err(Error::input(format!(
-        "{what} needs {:.3e} GiB of memory, and this process may have {:.1}; {instead}",
-        gib(bytes as f64),
-        gib(most as f64)
+        "{what} needs {needed} GiB of memory, and this process may have {most}; {instead}"
     )))
+}
+
+/// An amount in GiB; of what nobody has, its order alone.
+fn gib(bytes: f64) -> String {
+    match bytes / f64::from(1 << 30) {
+        gib if gib < 1e6 => format!("{gib:.1}"),
+        gib => format!("{gib:.0e}"),
+    }
 }
 
 /// Where Linux tells how much the group of processes may have, as in a container: of version 2 and 1.
@@ -81,11 +87,17 @@ mod tests {
     }
 
     #[test]
+    fn amounts_are_plain_numbers_as_long_as_anyone_has_so_much() {
+        let of = |gibibytes: f64| gib(gibibytes * f64::from(1 << 30));
+        assert_eq!([16.04, 0.26, 76_438.0, 6.9e7].map(of), ["16.0", "0.3", "76438.0", "7e7"]);
+    }
+
+    #[test]
     fn what_no_machine_has_is_refused_and_what_any_has_is_not() {
         check(1 << 20, "a picture", "ask for less").unwrap();
         let error = check(1 << 80, "a sample of 7 texels", "give --size fewer").unwrap_err();
         let text = error.to_string();
-        assert!(error.exit_code() == 2 && text.contains("a sample of 7 texels needs 1.126e15 GiB"), "{text}");
+        assert!(error.exit_code() == 2 && text.contains("a sample of 7 texels needs 1e15 GiB"), "{text}");
         assert!(text.ends_with("; give --size fewer"), "{text}");
     }
 }

@@ -14,6 +14,8 @@ use exr::meta::attribute::{AttributeValue, EnvironmentMap, SampleType};
 use exr::meta::header::Header;
 use exr::prelude::f16;
 
+use lobelia_base::files;
+
 use crate::FormatError;
 use crate::colour::Primaries;
 
@@ -51,7 +53,11 @@ pub fn read(
 ) -> Result<ExrLayer, FormatError> {
     let named = |what: String| FormatError::Invalid(format!("{}: {what}", path.display()));
     let file = File::open(path).map_err(|error| named(format!("cannot be read: {error}")))?;
-    let length = file.metadata().map_err(|error| named(format!("cannot be read: {error}")))?.len();
+    let metadata = file.metadata().map_err(|error| named(format!("cannot be read: {error}")))?;
+    if metadata.is_dir() {
+        return Err(named(format!("{}, no OpenEXR file", files::what_is(path).unwrap_or("a folder"))));
+    }
+    let length = metadata.len();
     let broken = |error: exr::error::Error| named(sentence(&error));
     let reader = block::read(BufReader::new(file), false).map_err(broken)?;
 
@@ -100,6 +106,9 @@ fn sentence(error: &exr::error::Error) -> String {
     match error {
         exr::error::Error::Io(error) if error.kind() == std::io::ErrorKind::UnexpectedEof => {
             "not a readable OpenEXR file: it is cut short".into()
+        }
+        exr::error::Error::Invalid(what) if what == "file identifier missing" => {
+            "not a readable OpenEXR file: it does not begin as one does".into()
         }
         other => format!("not a readable OpenEXR file: {other}"),
     }

@@ -19,6 +19,9 @@ const WRITTEN: [&str; 5] = ["output", "out", "report", "variance", "record"];
 /// Commands whose output is a folder for files of names of their own.
 const INTO_FOLDERS: [&str; 6] = ["acquire", "chart", "compare", "demo", "prefilter", "stability"];
 
+/// More MIP levels than any map has.
+const MOST_LEVELS: u32 = 16;
+
 /// A file on the command line.
 struct Named {
     /// As its user knows the argument: `--against`, `RIG`.
@@ -46,8 +49,8 @@ pub(super) fn check(command: &Command, matches: &ArgMatches) -> Result<()> {
     for (place, output) in files.written.iter().enumerate() {
         let may_be_read = files.in_place && output.argument == "--output";
         for input in files.read.iter().filter(|_| !may_be_read) {
-            if files::same(&input.path, &output.path) {
-                let (path, by) = (output.path.display(), &output.argument);
+            if would_write(&output.path, &input.path) {
+                let (path, by) = (input.path.display(), &output.argument);
                 return Err(refused(format!(
                     "{path}: read as {} and would be written over by {by}",
                     input.argument
@@ -61,7 +64,7 @@ pub(super) fn check(command: &Command, matches: &ArgMatches) -> Result<()> {
                     output.argument
                 )));
             }
-            if let Some(part) = made_of(&input.path).iter().find(|part| files::same(part, &output.path)) {
+            if let Some(part) = made_of(&input.path).iter().find(|part| would_write(&output.path, part)) {
                 return Err(refused(format!(
                     "{}: {} reads it and {} would write over it",
                     part.display(),
@@ -72,7 +75,7 @@ pub(super) fn check(command: &Command, matches: &ArgMatches) -> Result<()> {
         }
         let others = files.written[..place].iter().chain(&files.folders);
         for other in others {
-            let twice = files::same(&other.path, &output.path);
+            let twice = would_write(&other.path, &output.path) || would_write(&output.path, &other.path);
             if twice || inside(&other.path).iter().any(|part| files::same(part, &output.path)) {
                 let (path, by) = (output.path.display(), &output.argument);
                 return Err(refused(format!("{path}: both {} and {by} would write it", other.argument)));
@@ -80,6 +83,18 @@ pub(super) fn check(command: &Command, matches: &ArgMatches) -> Result<()> {
         }
     }
     Ok(())
+}
+
+/// Whether what is written to `output` is `file`, or one of the pictures of an animation by that name with a # is.
+fn would_write(output: &Path, file: &Path) -> bool {
+    let name = |path: &Path| path.file_name().unwrap_or_default().to_string_lossy().into_owned();
+    let (pattern, of_file) = (name(output), name(file));
+    let number = pattern
+        .split_once('#')
+        .and_then(|(begin, rest)| of_file.strip_prefix(begin)?.strip_suffix(rest.trim_start_matches('#')));
+    let is_frame =
+        number.is_some_and(|text| !text.is_empty() && text.bytes().all(|byte| byte.is_ascii_digit()));
+    files::same(output, file) || (is_frame && files::same(&output.with_file_name(&of_file), file))
 }
 
 fn refused(message: String) -> Error {
@@ -92,7 +107,9 @@ fn files_of(command: &Command, matches: &ArgMatches) -> Files {
     // Arguments of every command are found in each of its subcommands again.
     let mut arguments: BTreeMap<String, (bool, bool, Vec<Named>)> = BTreeMap::new();
     let (mut command, mut matches, mut first) = (command, matches, None);
+    let mut levels = false;
     loop {
+        levels |= matches.try_get_one::<bool>("mip").ok().flatten().copied().unwrap_or(false);
         let folder = INTO_FOLDERS.contains(&first.unwrap_or_default());
         for arg in command.get_arguments() {
             let id = arg.get_id().as_str();
@@ -117,6 +134,13 @@ fn files_of(command: &Command, matches: &ArgMatches) -> Files {
             (true, false) => files.written.extend(named),
             (true, true) => files.folders.extend(named),
         }
+    }
+    let beside = |output: &Named| {
+        let of = |level| Named { argument: "--mip".into(), path: mip::path(&output.path, level) };
+        (1..=MOST_LEVELS).map(of).collect::<Vec<Named>>()
+    };
+    if levels && let Some(output) = files.written.iter().find(|named| named.argument == "--output") {
+        files.written.extend(beside(output));
     }
     files.in_place = first == Some("edit");
     files
@@ -228,6 +252,10 @@ mod tests {
             "fit --merge DIR/m.exr DIR/n-16.exr -o DIR/m.exr",
             "fit DIR/s.zarr -o DIR/new.exr --report DIR/s.zarr/zarr.json",
             "fit DIR/s.zarr -o DIR/new.exr --report DIR/s.zarr/reflectance/zarr.json",
+            "fit DIR/s.zarr -o DIR/new.exr --mip --report DIR/new.mip2.exr",
+            "fit DIR/s.zarr -o DIR/new.exr --mip --merge DIR/a.exr DIR/new.mip1.exr",
+            "render DIR/scene.toml -o DIR/n-##.exr --against DIR/n-16.exr",
+            "render lamps -o DIR/a##.png --report DIR/a02.png",
             "edit tile DIR/m.exr -o DIR/new.exr --report DIR/m.exr",
             "edit cluster DIR/m.exr -o DIR/p.toml --index DIR/p.toml",
             "rig replay DIR/plan.toml --port sim --report DIR/plan.toml",
@@ -246,6 +274,9 @@ mod tests {
             "acquire DIR/plan.toml --rig DIR/rig.toml --port sim --camera sim -o DIR/run2 --report DIR/a.json",
             "render DIR/scene.toml -o DIR/a.exr -o DIR/a.png --variance DIR/v.exr --against DIR/m.exr",
             "render lamps -o /dev/null --report /dev/null",
+            "render lamps -o DIR/a##.png --report DIR/a.json",
+            "render lamps -o DIR/a##.png --report DIR/a0x.png",
+            "fit DIR/s.zarr -o DIR/new.exr --report DIR/new.mip2.json",
             "edit tile DIR/m.exr -o DIR/m.exr",
             "edit palette DIR/plan.toml --index DIR/p.png -o DIR/m.exr",
             "compare DIR/run DIR/m.exr -o DIR/run",

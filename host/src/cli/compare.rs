@@ -32,6 +32,12 @@ pub(super) struct CompareArgs {
     /// itself, where the sample lies flat in it]
     #[arg(long, value_name = "RUN")]
     measured_in: Option<PathBuf>,
+    /// Another rig to compare by, by which the run was developed
+    #[arg(long, value_name = "RIG.toml")]
+    rig: Option<PathBuf>,
+    /// Sets a key of the rig to compare by, as the run was developed
+    #[arg(long, value_name = "KEY=VALUE")]
+    set: Vec<String>,
     /// Folder for compare.html and compare.json
     #[arg(short, long, default_value = "compare")]
     output: PathBuf,
@@ -56,9 +62,11 @@ pub(super) fn run(args: &CompareArgs, context: &mut Context) -> Result<()> {
     args.measured_in.iter().for_each(|run| context.run_input(run));
     context.report.input(&args.material);
     let map = SbrdfMap::read_exr(&args.material).map_err(|error| Error::reading(&args.material, error))?;
+    args.rig.iter().for_each(|path| context.report.input(path));
     let measured_in = args.measured_in.as_deref();
+    let rig = super::develop::rig(&args.run, args.rig.as_deref(), &args.set)?;
     let (comparison, chart) =
-        context.report.stage("compare", || compare::run(&args.run, &map, &args.pose, measured_in))?;
+        context.report.stage("compare", || compare::run(&args.run, &map, &args.pose, rig, measured_in))?;
     for (pose, why) in &comparison.left_out {
         let text = format!("pose {pose} is left out: {why}");
         context.warn([Warning { poses: vec![*pose], ..Warning::new(Kind::LeftOut, text) }]);

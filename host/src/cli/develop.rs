@@ -80,11 +80,7 @@ impl DevelopArgs {
     /// What to develop otherwise than the run says, and what the store says of that.
     fn options(&self) -> Result<(Options, Attributes)> {
         let own = self.run.join(RIG_FILE);
-        let rig = match (&self.rig, self.set.is_empty()) {
-            (None, true) => None,
-            (None, false) => Some(RunFolder::open(&self.run)?.rig.with_settings(&self.set)?),
-            (Some(other), _) => Some(RigConfig::read_recorded(other)?.with_settings(&self.set)?),
-        };
+        let rig = rig(&self.run, self.rig.as_deref(), &self.set)?;
         let mut texts = Attributes::new();
         if let Some(rig) = &rig {
             let text = toml::to_string(rig).map_err(|error| Error::failure(format!("the rig: {error}")))?;
@@ -96,6 +92,19 @@ impl DevelopArgs {
         let skip = self.skip_pose.iter().flat_map(|poses| poses.0.clone()).collect();
         Ok((Options { rig, partial: self.partial, skip, region }, texts))
     }
+}
+
+/// The rig to go by instead of the run's own: another one, or that with keys set; none where neither is asked for.
+///
+/// # Errors
+/// Input errors for a rig, a run or a setting that is wrong.
+pub(super) fn rig(run: &Path, other: Option<&Path>, settings: &[String]) -> Result<Option<RigConfig>> {
+    let rig = match other {
+        None if settings.is_empty() => return Ok(None),
+        None => RunFolder::open(run)?.rig,
+        Some(other) => RigConfig::read_recorded(other)?,
+    };
+    rig.with_settings(settings).map(Some)
 }
 
 /// Runs `lobelia develop`.

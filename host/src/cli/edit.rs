@@ -364,17 +364,22 @@ fn run_replace(args: &ReplaceArgs, encoding: MapEncoding, context: &mut Context)
     let map = read_map(&args.map, context)?;
     let photo = read_photo(&args.photo, context)?;
     let replaced = diffuse::replace(&map, &photo).map_err(|error| error.at(args.photo.display()))?;
-    let (count, most) = diffuse::too_bright(&replaced);
+    tell_too_bright(&replaced, &args.photo, "much brighter than in mean", context);
+    finish(replaced, "diffuse channel by a photograph, mean kept", (&args.output, encoding), context)
+}
+
+/// Tells how many texels of a map reflect more light than they receive by what a photograph says, and where it says so.
+fn tell_too_bright(map: &SbrdfMap, photo: &Path, bright: &str, context: &mut Context) {
+    let (count, most) = diffuse::too_bright(map);
     context.report.figure("texels_too_bright", count);
     if count > 0 {
         let texels = counted(count as u64, "texel", "texels");
         context.note(format!(
-            "{}: {texels} would reflect up to {most:.2} times the light that they receive, where the photograph is much brighter than in \
-             mean; take its highlights out",
-            args.photo.display()
+            "{}: {texels} would reflect up to {most:.2} times the light that they receive, where the photograph is {bright}; take its \
+             highlights out",
+            photo.display()
         ));
     }
-    finish(replaced, "diffuse channel by a photograph, mean kept", (&args.output, encoding), context)
 }
 
 fn run_photo(args: &PhotoArgs, encoding: MapEncoding, context: &mut Context) -> Result<()> {
@@ -391,6 +396,7 @@ fn run_photo(args: &PhotoArgs, encoding: MapEncoding, context: &mut Context) -> 
     let picture = read_photo(&args.photo, context)?;
     let map =
         photo::from_photo(&picture, &recipe, context.seed).map_err(|error| error.at(args.photo.display()))?;
+    tell_too_bright(&map, &args.photo, "brighter than white paper", context);
     finish(
         map,
         &format!("from a photograph, {recipe:?}, seed {}", context.seed),
@@ -511,6 +517,19 @@ mod tests {
         }
     }
 
+    /// Of a perfect diffuser's radiance 900 times in one pixel, as in a photograph with a lamp in it.
+    #[test]
+    fn a_photograph_s_highlight_that_makes_a_texel_brighter_than_its_light_is_told() {
+        let folder = folder();
+        let mut pixels = vec![glam::Vec4::new(0.5, 0.5, 0.5, 1.0); 200];
+        pixels[7].x = 900.0;
+        let lamp = crate::render::Picture { width: 20, height: 10, pixels };
+        lamp.write(&folder.path().join("lamp.exr"), 1.0).unwrap();
+        let told = |line: &str| edit(folder.path(), line).unwrap().figures["texels_too_bright"].clone();
+        assert_eq!(told("from-photo lamp.exr -o o.exr"), 1);
+        assert_eq!(told("from-photo mask.png -o o.exr"), 0);
+    }
+
     /// Finite, but its square is not in single precision.
     #[test]
     fn a_coefficient_that_nothing_can_be_computed_with_is_told_by_its_texel_and_nothing_is_written() {
@@ -530,6 +549,9 @@ mod tests {
     #[test]
     fn inputs_that_do_not_fit_end_with_a_sentence_that_names_them() {
         let folder = folder();
+        for run in ["r.exr", "r.png"] {
+            crate::files::write_bytes(&folder.path().join(run).join("journal.jsonl"), b"").unwrap();
+        }
         for (line, part) in [
             ("mean small.exr --mask mask.png -o o.exr", "mask.png has 8 × 6"),
             ("composite a.exr small.exr --mask mask.png -o o.exr", "small.exr has 1 × 1"),
@@ -537,7 +559,12 @@ mod tests {
             ("tile small.exr -o o.exr", "overlap of 1 texel was"),
             ("tile a.exr -o o.png", "must end in .exr"),
             ("mean none.exr -o o.exr", "none.exr: cannot be read"),
-            ("mean mask.png -o o.exr", "mask.png: not a readable OpenEXR"),
+            (
+                "mean mask.png -o o.exr",
+                "mask.png: not a readable OpenEXR file: it does not begin as one does",
+            ),
+            ("mean r.exr -o o.exr", "r.exr: a run, no OpenEXR file"),
+            ("replace-diffuse a.exr --photo r.png -o o.exr", "r.png: a run, where a file is needed"),
             ("mean a.exr --lobes 99 -o o.exr", "99 lobes"),
         ] {
             let error = edit(folder.path(), line).unwrap_err();

@@ -164,7 +164,8 @@ fn check(photographs: &Photographs, map: &SbrdfMap, wanted: &[usize]) -> Result<
     let (width, height) = (carrier.texels_across, carrier.texels_down());
     if (map.width, map.height) != (width, height) {
         let message = format!(
-            "the map has {} × {} texels, the run's rig.toml {width} × {height}",
+            "the map has {} × {} texels, the run's rig {width} × {height}; name the rig that it was developed by with --rig or --set; a \
+             region's map cannot be compared",
             map.width, map.height
         );
         return Err(Error::input(message));
@@ -358,8 +359,8 @@ impl Pictures {
     }
 }
 
-/// Opens the run and compares. `measured_in` is the run that the map was fitted from; without it that is the compared run itself,
-/// where the sample lies flat in it.
+/// Opens the run and compares. `rig` is another rig to compare by than the run's own, as when it was developed by one. `measured_in` is the
+/// run that the map was fitted from; without it that is the compared run itself, where the sample lies flat in it.
 ///
 /// # Errors
 /// As [`poses`] and [`Photographs::open`].
@@ -367,10 +368,11 @@ pub fn run(
     folder: &Path,
     map: &SbrdfMap,
     wanted: &[usize],
+    rig: Option<RigConfig>,
     measured_in: Option<&Path>,
 ) -> Result<(Comparison, Chart)> {
     // What is there is compared; what is damaged or not there yet is named.
-    let options = develop::Options { partial: true, ..develop::Options::default() };
+    let options = develop::Options { partial: true, rig, ..develop::Options::default() };
     let photographs = Photographs::open_with(folder, &options)?;
     let other = measured_in.map(RunFolder::open).transpose()?;
     let own = Some(&photographs.run).filter(|run| run.rig.carrier.cylinder_radius_mm.is_none());

@@ -45,6 +45,15 @@ pub(super) fn chart(photographs: &Photographs, map: &SbrdfMap, comparison: &Comp
             most.into(),
         ]);
     }
+    let mut tables = vec![table];
+    if !(comparison.left_out.is_empty() && comparison.notes.is_empty()) {
+        let mut left_out = Table::new(["left out", "why"]);
+        for (pose, why) in &comparison.left_out {
+            left_out.row([format!("pose {pose}").into(), why.as_str().into()]);
+        }
+        comparison.notes.iter().for_each(|note| left_out.row(["".into(), note.as_str().into()]));
+        tables.push(left_out);
+    }
     let cylinder = photographs.run.rig.carrier.cylinder_radius_mm;
     let points = |value: fn(&Difference) -> f64| {
         let points = compared.iter().map(|pose| [pose.half_deg, value(&pose.difference)]).collect();
@@ -74,7 +83,7 @@ pub(super) fn chart(photographs: &Photographs, map: &SbrdfMap, comparison: &Comp
         title: "By pose".into(),
         text: "Relative RMS is of the linear radiance over the mosaic's pixels on the sample; PSNR and ΔE are of the pictures as shown above.".into(),
         plots,
-        tables: vec![table],
+        tables,
         ..Section::default()
     };
     Ok(Chart {

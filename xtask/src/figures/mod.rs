@@ -8,6 +8,7 @@ mod registry;
 mod run;
 mod scan;
 mod template;
+mod tested;
 #[cfg(test)]
 mod tests;
 
@@ -101,6 +102,7 @@ fn checked<'a>(registry: &'a Registry, root: &Path) -> Result<(Texts, Vec<Placed
     let mut faults = Vec::new();
     let placed = check::place(registry, &texts, &mut faults);
     check::cover(registry, &texts, &placed, &mut faults);
+    tested::names(registry, root, &mut faults);
     if faults.is_empty() {
         return Ok((texts, placed));
     }

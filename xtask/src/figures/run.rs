@@ -12,6 +12,7 @@ use serde_json::json;
 
 use super::lookup::Output;
 use super::registry::{Recipe, Registry};
+use super::tested;
 
 /// Where and with what commands run.
 pub(super) struct Runner<'a> {
@@ -85,7 +86,8 @@ impl Runner<'_> {
             println!("xtask: {name}: {line}");
             let start = Instant::now();
             let errors = fs::File::create(folder.join("stderr"))?;
-            let mut command = self.command(line, &folder)?;
+            let filled = self.filled(line)?;
+            let mut command = self.command(&filled, &folder)?;
             let finished = command.stdin(Stdio::null()).stderr(errors).output();
             let finished = finished.with_context(|| format!("`{line}` could not be started"))?;
             output.write_all(&finished.stdout)?;
@@ -94,16 +96,19 @@ impl Runner<'_> {
                 let last = said.trim_end().lines().last().unwrap_or("nothing on stderr").to_owned();
                 bail!("`{line}` failed ({}): {last}", finished.status);
             }
+            if let Some(filter) = tested::none_ran(&filled, &finished.stdout, &folder) {
+                bail!("`{line}` ran no test: no name of one has {filter}");
+            }
             steps.push(json!({ "line": line, "seconds": start.elapsed().as_secs_f64() }));
         }
         fs::write(folder.join(STEPS), json!({ "steps": steps }).to_string())?;
         Ok(())
     }
 
-    /// A command line as a process of the shell.
+    /// A filled command line as a process of the shell.
     fn command(&self, line: &str, folder: &Path) -> Result<Command> {
         let mut command = Command::new("sh");
-        command.arg("-ec").arg(self.filled(line)?).current_dir(folder);
+        command.arg("-ec").arg(line).current_dir(folder);
         let own = self.program.parent().map(Path::to_path_buf);
         let path = std::env::var_os("PATH").unwrap_or_default();
         let folders = own.into_iter().chain(std::env::split_paths(&path));

@@ -287,13 +287,13 @@ fn fits_samples(shard: &SbrdfMap, store: &SampledStore, part: Part) -> Result<bo
     Ok(shard.attributes[SAMPLES] == sha256(hashes.as_bytes()))
 }
 
-/// What tells the samples of a whole store from those of another one of the same size and poses: a hash of its first chunk, the middle one
-/// and the last, since one of all would have each part read all.
+/// What tells the samples of a whole store from those of another one of the same size and poses: what the store says of them, and a hash of
+/// its first chunk, the middle one and the last, since one of all would have each part read all.
 fn of_store(store: &SampledStore) -> Result<String> {
     let blocks = store.blocks();
     let mut places = vec![0, blocks.len() / 2, blocks.len().saturating_sub(1)];
     places.dedup();
-    let mut hashes = String::new();
+    let mut hashes = store.samples_mark();
     for window in places.into_iter().filter_map(|place| blocks.get(place)) {
         hashes += &hash(&store.read(window, true)?);
     }
@@ -547,6 +547,18 @@ mod tests {
         brighter.write_zarr(&path).unwrap();
         let brighter = SampledStore::open(&path).unwrap();
         fit_part(&brighter, &OPTIONS_OF_CASE, Part { index: 3, count: 3 }, &Tally::default())
+            .unwrap()
+            .write_exr(&other)
+            .unwrap();
+        assert!(
+            refused(&[shards[0].clone(), shards[1].clone(), other.clone()]).contains("different samples")
+        );
+        // One that differs in a single sample of a chunk that is neither the first, the middle nor the last.
+        let mut nudged = sampled();
+        nudged.reflectance[(35 * 24 + 3) * 3] += 0.01;
+        nudged.write_zarr(&path).unwrap();
+        let nudged = SampledStore::open(&path).unwrap();
+        fit_part(&nudged, &OPTIONS_OF_CASE, Part { index: 3, count: 3 }, &Tally::default())
             .unwrap()
             .write_exr(&other)
             .unwrap();

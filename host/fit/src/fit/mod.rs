@@ -21,6 +21,7 @@ pub mod line_search;
 pub mod linear;
 pub mod lm;
 pub mod model;
+pub mod noted;
 pub mod pool;
 pub mod quadratic;
 pub mod samples;

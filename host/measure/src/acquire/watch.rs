@@ -217,7 +217,8 @@ impl WatchedFolder {
 
     /// The files that are there, without those that other software marks as its temporary ones.
     fn files(&self) -> Result<HashMap<PathBuf, Seen>> {
-        let entries = fs::read_dir(&self.path).map_err(|error| Error::reading(&self.path, error))?;
+        let entries = fs::read_dir(&self.path)
+            .map_err(|error| Error::input(format!("{}: cannot be read: {error}", self.path.display())))?;
         let named = entries.filter_map(|entry| Some(entry.ok()?.path())).filter(|path| !is_temporary(path));
         // A file that is gone meanwhile was renamed or removed by its owner.
         let seen = named.filter_map(|path| Some((seen(&path)?, path)));

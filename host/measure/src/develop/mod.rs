@@ -221,9 +221,13 @@ impl Photographs {
         };
         let texels = options.region.clone().unwrap_or_else(|| whole(&run.rig));
         let all = whole(&run.rig);
-        if texels.texels() == 0 || texels.x.end > all.x.end || texels.y.end > all.y.end {
-            let message = format!("the region holds no texels of {} × {}", all.x.end, all.y.end);
-            return Err(Error::input(message));
+        let wrong =
+            |what: &str| Error::input(format!("the region {what} {} × {} texels", all.x.end, all.y.end));
+        if texels.texels() == 0 {
+            return Err(wrong("is empty; the sample has"));
+        }
+        if texels.x.end > all.x.end || texels.y.end > all.y.end {
+            return Err(wrong("goes beyond the sample's"));
         }
         let (dark, damaged) = dark_signal(&run, options.partial)?;
         let exposures = recorded_poses(&run, options)?;
@@ -379,6 +383,12 @@ fn recorded_poses(
         let message = format!(
             "{missing} of {count} poses are not recorded; continue the run with --resume, or develop what is there with --partial"
         );
+        return Err(Error::input(format!("{}: {message}", run.path.display())));
+    }
+    // Where the light's arm stood no tag tells.
+    if !run.finished() && !options.partial {
+        let message = "every pose is recorded, but not that the run ended, before which the axes are checked; continue it with --resume, or \
+                       develop it as it is with --partial";
         return Err(Error::input(format!("{}: {message}", run.path.display())));
     }
     Ok(named)

@@ -99,7 +99,11 @@ impl RunFolder {
             Some(rig) => rig,
             None => {
                 let rig = RigConfig::read_recorded(&rig_path)?;
-                unchanged(&rig_path, rig_sha256, "; put it back, or let develop take it with --rig")?;
+                unchanged(
+                    &rig_path,
+                    rig_sha256,
+                    "; put it back, or name it with --rig, which develop and compare have",
+                )?;
                 rig
             }
         };

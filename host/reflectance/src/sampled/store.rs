@@ -32,6 +32,9 @@ const OFFSET_KEY: &str = "offset_texels";
 /// Attribute of a developed store: for each pose the share of its samples that are saturated in every exposure, which are NaN.
 pub const CLIPPED_KEY: &str = "clipped_by_pose";
 
+/// Attribute of a store that Lobelia wrote: the hash of its samples, by which parts of a fit know that they were made of one store.
+const SAMPLES_KEY: &str = "samples_sha256";
+
 /// Version of the layout.
 const LAYOUT: u64 = 1;
 
@@ -166,6 +169,8 @@ pub struct SampledStore {
     pub unknown_poses: Vec<usize>,
     /// Share of each pose's samples that are saturated in every exposure, where the store says so ([`CLIPPED_KEY`]).
     pub clipped: Option<Vec<f64>>,
+    /// What the store says of its samples, where it does ([`SAMPLES_KEY`]).
+    samples_sha256: Option<String>,
 }
 
 impl SampledStore {
@@ -232,6 +237,16 @@ impl SampledStore {
         })
     }
 
+    /// What tells the samples from those of another store of the same size and poses, without reading them: the hash that Lobelia writes
+    /// into its stores, and the lengths of the chunks' files, which in a compressed store change with what is in them.
+    pub fn samples_mark(&self) -> String {
+        let ranges = self.array.shape.map(|edge| 0..edge);
+        let arrays = std::iter::once(&self.array).chain(&self.sigma);
+        let lengths: Vec<String> =
+            arrays.flat_map(|array| array.lengths(&ranges)).map(|length| length.to_string()).collect();
+        format!("{} {}", self.samples_sha256.as_deref().unwrap_or("none"), lengths.join(" "))
+    }
+
     /// Hash of all but the samples: size, texel and poses.
     pub fn geometry_sha256(&self) -> String {
         let numbers = [self.width as f64, self.height as f64, self.texel_mm].into_iter();
@@ -259,6 +274,7 @@ fn write_store(
     attributes.insert(LAYOUT_KEY.into(), LAYOUT.into());
     attributes.insert("texel_mm".into(), sampled.texel_mm.into());
     attributes.insert("reflectance_unit".into(), "1/sr".into());
+    attributes.insert(SAMPLES_KEY.into(), samples_sha256(sampled).into());
     if sampled.offset_texels != DVec2::ZERO {
         attributes.insert(OFFSET_KEY.into(), sampled.offset_texels.to_array().to_vec().into());
     }
@@ -284,6 +300,20 @@ fn write_store(
         write_samples(&store, "/sigma", sampled, sigma, data_type::float16(), nan)?;
     }
     Ok(())
+}
+
+/// Hash of all samples and their standard deviations.
+fn samples_sha256(sampled: &SampledSbrdf) -> String {
+    const PIECE: usize = 1 << 20;
+    let values = sampled.reflectance.par_chunks(PIECE).map(|piece| {
+        let bytes: Vec<u8> = piece.iter().flat_map(|value| value.to_le_bytes()).collect();
+        sha256(&bytes)
+    });
+    let sigmas = sampled.sigma.as_deref().unwrap_or_default().par_chunks(PIECE).map(|piece| {
+        let bytes: Vec<u8> = piece.iter().flat_map(|value| value.to_le_bytes()).collect();
+        sha256(&bytes)
+    });
+    sha256(values.chain(sigmas).collect::<Vec<String>>().concat().as_bytes())
 }
 
 /// Writes an array [y, x, pose, rgb].
@@ -404,6 +434,7 @@ fn open_store(path: &Path) -> std::result::Result<SampledStore, String> {
         poses: poses.into_iter().map(PoseGeometry::known).collect(),
         unknown_poses,
         clipped,
+        samples_sha256: attribute(SAMPLES_KEY).and_then(serde_json::Value::as_str).map(str::to_owned),
     })
 }
 

@@ -221,6 +221,12 @@ impl<const N: usize> ZarrArray<N> {
         })
     }
 
+    /// Bytes of the files of the chunks that ranges of entries touch; 0 where there is none.
+    pub(super) fn lengths(&self, ranges: &[Range<usize>; N]) -> impl Iterator<Item = u64> {
+        let length = |place| self.folder.join(self.key(&place)).metadata().map_or(0, |file| file.len());
+        self.places(ranges).map(length)
+    }
+
     /// Bytes of a chunk that is not compressed.
     fn chunk_bytes(&self) -> usize {
         self.number.bytes() * self.chunk.iter().product::<usize>()

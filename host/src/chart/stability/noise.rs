@@ -177,64 +177,53 @@ fn section(case: &Case, grid: &Grid) -> Section {
     Section {
         title: case.title.into(),
         text: format!(
-            "ρ_d = {}, ρ_s = {} sr⁻¹, C = (−1, −1, 1); {SETS} sets of {POSES} random poses, at each {} repeats of one texel with new normal noise, one lobe fitted on one thread, residual: linear, albedos free (wide lobes of this brightness make light). The line searches take ρ_d from the 10th percentile; ratio divides by the lobe (4.10), and where its colour comes out negative for that the lobe is black, and lost. Recovered: n within {} %, C within {NEAR_DEG}°. {} {}",
+            "ρ_d = {}, ρ_s = {} sr⁻¹, C = (−1, −1, 1); {SETS} sets of {POSES} random poses, at each {} repeats of one texel with new normal noise, one lobe fitted on one thread, residual: linear, albedos free (wide lobes of this brightness make light). The line searches take ρ_d from the 10th percentile; ratio divides by the lobe (4.10), and where its colour comes out negative for that the lobe is black, and lost. Recovered: n within {} %, C within {NEAR_DEG}°. The first table has the noise, sr⁻¹, up to which {HOLDS} % or more are recovered; the second what was not, over all noises and exponents, and for how much of that the fit itself says so, by a stated deviation of n above {} % or by tying n.",
             case.rho_d,
             case.rho_s,
             SIDE * SIDE,
             100.0 * NEAR,
-            METHODS.iter().zip(grid).map(|(method, grid)| held(*method, grid)).collect::<String>(),
-            warnings(grid)
+            100.0 * NEAR
         ),
         plots: plots.collect(),
-        tables: vec![table],
+        tables: vec![limits(grid), warnings(grid), table],
         ..Section::default()
     }
 }
 
-/// Up to which noise a method recovers each exponent, in a sentence.
-fn held(method: Method, by_noise: &[Vec<Found>]) -> String {
-    let [both, near] = [limits(by_noise, |found| found.recovered), limits(by_noise, |found| found.near)];
-    let alone = if near == both { String::new() } else { format!(", by n alone {near}") };
-    format!("{} recovers {HOLDS} % or more of {both}{alone}. ", method.name())
+/// Up to which noise each method recovers each exponent; by n alone in a row of its own where that is farther.
+fn limits(grid: &Grid) -> Table {
+    let mut table =
+        Table::new(["method", "found", "n = 2", "n = 4", "n = 10", "n = 20", "n = 64", "n = 200"]);
+    for (method, by_noise) in METHODS.iter().zip(grid) {
+        let both = limit(by_noise, |found| found.recovered);
+        let near = limit(by_noise, |found| found.near);
+        let rows = [("n and C", &both), ("n alone", &near)];
+        for (what, limits) in rows.into_iter().take(if near == both { 1 } else { 2 }) {
+            let names = [method.name(), what].map(Cell::from).into_iter();
+            table.rows.push(names.chain(limits.iter().map(|limit| limit.as_str().into())).collect());
+        }
+    }
+    table
 }
 
 /// Up to which noise each exponent holds.
-fn limits(by_noise: &[Vec<Found>], share: fn(&Found) -> f64) -> String {
-    let limit = |k: usize| {
-        let holds = by_noise.iter().take_while(|found| share(&found[k]) >= HOLDS).count();
-        match holds {
-            0 => "never".to_string(),
-            1 => "without noise alone".to_string(),
-            holds => format!("up to {:e}", NOISES[holds - 1]),
-        }
+fn limit(by_noise: &[Vec<Found>], share: fn(&Found) -> f64) -> Vec<String> {
+    let of = |k: usize| match by_noise.iter().take_while(|found| share(&found[k]) >= HOLDS).count() {
+        0 => "never".to_string(),
+        1 => "without noise".to_string(),
+        holds => format!("to {:e}", NOISES[holds - 1]),
     };
-    let limits: Vec<String> =
-        EXPONENTS.iter().enumerate().map(|(k, n)| format!("n = {n} {}", limit(k))).collect();
-    limits.join(", ")
+    (0..EXPONENTS.len()).map(of).collect()
 }
 
-/// Who gave away what was not recovered.
-fn warnings(grid: &Grid) -> String {
-    let of = |(method, by_noise): (&Method, &Vec<Vec<Found>>)| {
+/// Which method gave away how much of what it had not recovered.
+fn warnings(grid: &Grid) -> Table {
+    let mut table = Table::new(["method", "not recovered", "of them given away by the fit"]);
+    for (method, by_noise) in METHODS.iter().zip(grid) {
         let sum = |which: usize| by_noise.iter().flatten().map(|found| found.missed[which]).sum::<usize>();
-        let [missed, said] = [sum(0), sum(1)];
-        (said > 0).then(|| {
-            format!(
-                "{} did for {said} of {missed}, by a stated deviation of n above {} % or by tying n",
-                method.name(),
-                100.0 * NEAR
-            )
-        })
-    };
-    let said: Vec<String> = METHODS.iter().zip(grid).filter_map(of).collect();
-    if said.is_empty() {
-        "No method gave away a texel that it had not recovered.".into()
-    } else {
-        format!(
-            "Which method gave away texels that it had not recovered: {}; the others warn of nothing.",
-            said.join("; ")
-        )
+        table.row([method.name().into(), sum(0).into(), sum(1).into()]);
     }
+    table
 }
 
 #[cfg(test)]
@@ -243,6 +232,42 @@ mod tests {
 
     fn of(method: Method, noise: f64, n: f64) -> Found {
         judged(&CASES[1], method, noise, n, 1).unwrap()
+    }
+
+    #[test]
+    fn the_summary_tells_up_to_which_noise_each_exponent_is_found_and_what_a_fit_gave_away() {
+        let found = |recovered: f64, near: f64| Found {
+            recovered,
+            near,
+            off_deg: 0.0,
+            median: 0.0,
+            over_bound: 1.0,
+            time_us: 1.0,
+            missed: [3, 2],
+        };
+        // The last exponent is found without noise alone, n = 2 never; of the others n farther than C.
+        let at = |noise: usize| -> Vec<Found> {
+            let share = |held: usize| if noise < held { HOLDS } else { 0.0 };
+            let of = |k: usize| match k {
+                0 => found(share(0), share(0)),
+                5 => found(share(1), share(1)),
+                _ => found(share(3), share(4)),
+            };
+            (0..EXPONENTS.len()).map(of).collect()
+        };
+        let grid: Grid = METHODS.iter().map(|_| (0..NOISES.len()).map(at).collect()).collect();
+        let table = limits(&grid);
+        let row = |k: usize| table.rows[k].clone();
+        let cells = |texts: [&str; 8]| texts.map(Cell::from).to_vec();
+        let never = ["never", "to 1e-4", "to 1e-4", "to 1e-4", "to 1e-4", "without noise"];
+        let name = METHODS[0].name();
+        assert_eq!(
+            row(0),
+            cells([name, "n and C", never[0], never[1], never[2], never[3], never[4], never[5]])
+        );
+        assert_eq!(row(1)[1..5], cells(["", "n alone", "never", "to 1e-3", "to 1e-3", "", "", ""])[1..5]);
+        assert_eq!(table.rows.len(), 2 * METHODS.len());
+        assert_eq!(warnings(&grid).rows[0][1..], [Cell::Count(3 * 36), Cell::Count(2 * 36)]);
     }
 
     #[test]

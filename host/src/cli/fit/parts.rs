@@ -4,14 +4,14 @@ use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use super::{
-    FitArgs, FitOutcome, Tally, held_out, output, print, sampled_options, sampled_outcome, warnings,
-    write_levels, write_map,
+    DeviceName, FitArgs, FitOutcome, Lobes, MethodName, ResidualName, Tally, WeightsName, held_out, output,
+    print, sampled_options, sampled_outcome, warnings, write_levels, write_map,
 };
 use crate::error::{Error, Result};
 use crate::files;
-use crate::fit::FitOptions;
 use crate::fit::chunks::{self, Part};
 use crate::fit::held_out::HeldOut;
+use crate::fit::{FitOptions, MOST_LOBES};
 use crate::progress::counted;
 use crate::provenance::Texts;
 use crate::reflectance::MapEncoding;
@@ -29,6 +29,36 @@ impl FitArgs {
             args.input = Some(args.merge.remove(place));
         }
         args
+    }
+
+    /// The options that a merge does not look at: it has the shards' fits as they are. --isotropic and --separate-channels say which
+    /// held-out poses are near fitted ones, and with --mip all are those of the levels.
+    fn of_no_merge(&self) -> Vec<&'static str> {
+        if self.mip {
+            return Vec::new();
+        }
+        let held = self.hold_out_poses.is_some();
+        let given = [
+            ("--lobes", self.lobes != Lobes::Auto(MOST_LOBES)),
+            ("--model", self.model.is_some()),
+            ("--normals", self.normals),
+            ("--sharpening", self.sharpening),
+            ("--method", self.method != MethodName::Auto),
+            ("--residual", self.residual != ResidualName::Auto),
+            ("--weights", self.weights != WeightsName::Auto),
+            ("--robust", self.robust),
+            ("--device", self.device != DeviceName::Auto),
+            ("--isotropic", self.isotropic && !held),
+            ("--separate-channels", self.separate_channels && !held),
+            ("--diffuse-percentile", self.diffuse_percentile.is_some()),
+            ("--conserve-energy", self.conserve_energy),
+            ("--no-bound", self.no_bound),
+            ("--wavelengths-nm", !self.wavelengths_nm.is_empty()),
+            ("--hold-out-theta-deg", !self.hold_out_theta_deg.is_empty()),
+            ("--hold-out-each-pair", self.hold_out_each_pair),
+            ("--random-starts", self.random_starts > 0),
+        ];
+        given.into_iter().filter_map(|(name, given)| given.then_some(name)).collect()
     }
 }
 
@@ -69,6 +99,15 @@ pub(super) fn fit(
 /// Joins shards into a map, which says what they say of how they were made, and fits its MIP levels where they are asked for.
 pub(super) fn merge(args: &FitArgs, seed: u64) -> Result<FitOutcome> {
     let output = output(args)?;
+    if let [first, others @ ..] = args.of_no_merge().as_slice() {
+        let last = others.last().map_or_else(String::new, |last| format!(" and {last}"));
+        let middle = others
+            .split_last()
+            .map_or_else(String::new, |(_, middle)| middle.iter().map(|name| format!(", {name}")).collect());
+        return Err(Error::input(format!(
+            "--merge joins shards as they were fitted, without {first}{middle}{last}: give that to each part (--chunks)"
+        )));
+    }
     let start = Instant::now();
     let mut store = args.input.as_deref().map(SampledStore::open).transpose()?;
     let held = match (&mut store, &args.hold_out_poses) {

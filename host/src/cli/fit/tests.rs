@@ -290,13 +290,79 @@ fn parts_that_are_joined_with_their_samples_tell_of_poses_as_one_fit_does() {
     let (whole, part, merged) = (path("whole.exr"), path("part.exr"), path("merged.exr"));
     let run = |more: &[&str]| fit_input(&parsed(&[&[&store[..]], more].concat()), 1).unwrap().warnings;
     let told = |warnings: &[Warning]| -> Vec<String> {
-        let of_poses = |warning: &&Warning| matches!(warning.kind, Kind::UnknownPose | Kind::Shape);
+        let kinds = [Kind::UnknownPose, Kind::Shape, Kind::FewPoses];
+        let of_poses = |warning: &&Warning| kinds.contains(&warning.kind);
         warnings.iter().filter(of_poses).map(|warning| warning.text.clone()).collect()
     };
     let at_once = told(&run(&["--lobes", "1", "--isotropic", "-o", &whole]));
     assert!(at_once.len() == 2 && at_once[0].starts_with("pose 9 is left out"), "{at_once:?}");
     run(&["--lobes", "1", "--isotropic", "--chunks", "1/1", "-o", &part]);
     assert_eq!(told(&run(&["-o", &merged, "--merge", &part])), at_once);
+}
+
+#[test]
+fn too_few_poses_are_told_by_a_merge_as_by_one_fit() {
+    let folder = tempfile::tempdir().unwrap();
+    let (store, _) = store_and_index(folder.path());
+    let mut sampled = SampledSbrdf::read_zarr(Path::new(&store)).unwrap();
+    sampled.poses[5..].iter_mut().for_each(|pose| pose.weight = 0.0);
+    sampled.write_zarr(Path::new(&store)).unwrap();
+    let path = |name: &str| folder.path().join(name).to_str().unwrap().to_string();
+    let (whole, part, merged) = (path("whole.exr"), path("part.exr"), path("merged.exr"));
+    let told = |arguments: &[&str]| -> Vec<String> {
+        let warnings = fit_input(&parsed(arguments), 1).unwrap().warnings;
+        let few = warnings.into_iter().filter(|warning| warning.kind == Kind::FewPoses);
+        few.map(|warning| warning.text).collect()
+    };
+    let fixed = ["--lobes", "2", "--isotropic"];
+    let at_once = told(&[&[&store[..]], &fixed[..], &["-o", &whole]].concat());
+    assert!(at_once.len() == 1 && at_once[0].starts_with("5 poses for the 7 unknowns"), "{at_once:?}");
+    told(&[&[&store[..]], &fixed[..], &["--chunks", "1/1", "-o", &part]].concat());
+    assert_eq!(told(&[&store, "-o", &merged, "--merge", &part]), at_once);
+    // Without the samples the poses are not known, but how many each texel had.
+    let blind = told(&["-o", &merged, "--merge", &part]);
+    assert!(blind.len() == 1 && blind[0].starts_with("120 of 120 texels"), "{blind:?}");
+}
+
+#[test]
+fn options_that_a_merge_does_not_look_at_are_refused_by_name() {
+    let refused = |more: &[&str]| {
+        let error =
+            fit_input(&parsed(&[more, &["-o", "m.exr", "--merge", "a.exr"]].concat()), 1).unwrap_err();
+        assert_eq!(error.exit_code(), 2);
+        error.to_string()
+    };
+    assert!(refused(&["--lobes", "2"]).contains("without --lobes: give that to each part"));
+    let three = refused(&["--no-bound", "--robust", "--normals"]);
+    assert!(three.contains("--normals, --robust and --no-bound"), "{three}");
+    for option in [
+        "--lobes=auto:2",
+        "--model=ggx",
+        "--sharpening",
+        "--method=lm",
+        "--residual=linear",
+        "--weights=pose",
+        "--device=gpu",
+        "--isotropic",
+        "--separate-channels",
+        "--diffuse-percentile=5",
+        "--conserve-energy",
+        "--wavelengths-nm=550",
+        "--hold-out-theta-deg=30",
+        "--hold-out-each-pair",
+        "--random-starts=3",
+    ] {
+        let name = option.split('=').next().unwrap();
+        assert!(refused(&[option]).contains(name), "{option}");
+        // Beside the samples too, where no levels are fitted.
+        assert!(refused(&["s.zarr", option]).contains(name), "{option}");
+    }
+    // What it does look at is looked for.
+    assert!(refused(&["--scanlines"]).contains("a.exr: cannot be read"));
+    assert!(refused(&["--lobes", "2", "--mip"]).contains("a.exr: cannot be read"));
+    assert!(
+        refused(&["s.zarr", "--isotropic", "--hold-out-poses", "0.1"]).contains("there is no such store")
+    );
 }
 
 #[test]

@@ -2,7 +2,7 @@
 
 use super::FitOutcome;
 use crate::error::Result;
-use crate::fit::FitOptions;
+use crate::fit::{FitOptions, noted};
 use crate::reflectance::SbrdfMap;
 use crate::sampled::SampledStore;
 use crate::warning::samples::{self, Step, Tally};
@@ -44,13 +44,20 @@ pub(super) fn of_joined(
     store: Option<&SampledStore>,
     map: &SbrdfMap,
 ) -> Result<()> {
+    let options = noted::options(map);
+    let options = options.as_ref();
+    let few_samples = || options.and_then(|options| texels::few_samples(map, options));
     let Some(store) = store else {
+        outcome.warnings.extend(few_samples());
         of_texels(outcome, map);
         return Ok(());
     };
-    let isotropic = map.attributes.get("fit.isotropic").is_some_and(|text| text == "true");
+    let seen = directions::of_poses(&store.poses);
     outcome.warnings.extend(directions::unknown_poses(&store.unknown_poses));
-    outcome.warnings.extend(directions::shape(&directions::of_poses(&store.poses), isotropic));
+    let few = options.and_then(|options| directions::too_few(seen.len(), options)).or_else(few_samples);
+    outcome.warnings.extend(few);
+    let isotropic = options.is_some_and(|options| options.isotropic);
+    outcome.warnings.extend(directions::shape(&seen, isotropic));
     of_texels(outcome, map);
     of_poses(outcome, store, map)
 }
