@@ -6,7 +6,7 @@
 
 use super::{judge, reference};
 use crate::render::{Picture, Renderer, compare};
-use crate::scene::{Camera, Scene};
+use crate::scene::{Scene, State};
 use lobelia_base::error::Result;
 
 /// Samples a pixel of a picture that judges: so few, since the mean is over many pixels.
@@ -20,11 +20,11 @@ const KEPT_ROUNDS: usize = 4;
 /// the bound, and next to none where it is not.
 const BEYOND_DOUBT: f64 = 4.0;
 
-/// What judges the pictures of one view.
+/// What judges the pictures of one frame.
 pub(super) struct Judges<'a> {
     scene: &'a Scene,
     base: reference::Settings,
-    view: Camera,
+    frame: State,
     /// Pictures of the first rounds, and what errors are relative to.
     rounds: Vec<[Picture; 2]>,
     third: Picture,
@@ -35,9 +35,9 @@ impl<'a> Judges<'a> {
     ///
     /// # Errors
     /// Those of the path tracer.
-    pub(super) fn new(scene: &'a Scene, base: reference::Settings, view: Camera) -> Result<Self> {
-        let third = judge(&base, 3, 4 * SAMPLES).render(scene, &view)?.picture;
-        Ok(Self { scene, base, view, rounds: Vec::new(), third })
+    pub(super) fn new(scene: &'a Scene, base: reference::Settings, frame: State) -> Result<Self> {
+        let third = judge(&base, 3, 4 * SAMPLES).prepare(scene)?.frame(&frame)?.picture;
+        Ok(Self { scene, base, frame, rounds: Vec::new(), third })
     }
 
     /// The picture's relative RMSE, and whether it is at most `max_error` beyond doubt.
@@ -54,7 +54,7 @@ impl<'a> Judges<'a> {
                 None => {
                     let of = |k| {
                         let seed = 4 + 2 * round as u64 + k;
-                        Ok(judge(&self.base, seed, SAMPLES).render(self.scene, &self.view)?.picture)
+                        Ok(judge(&self.base, seed, SAMPLES).prepare(self.scene)?.frame(&self.frame)?.picture)
                     };
                     let made = [of(0)?, of(1)?];
                     if round < KEPT_ROUNDS {
