@@ -1,4 +1,5 @@
-//! Methods and settings of rendering as values of options: their names and what they are come from the library.
+//! Methods and settings of rendering as values of options: their names and what they are come from the
+//! library.
 
 use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 
@@ -18,7 +19,8 @@ impl MethodArg {
 /// The names of all methods, and `auto`.
 pub(super) fn or_auto() -> impl TypedValueParser<Value = MethodArg> {
     let auto = PossibleValue::new("auto").help(
-        "The cheapest that meets --max-error; without it `lights` when there is a GPU and no environment, else `reference`",
+        "The cheapest that meets --max-error; without it `lights` when there is a GPU and no environment, else \
+         `reference`",
     );
     PossibleValuesParser::new(std::iter::once(auto).chain(METHODS.iter().map(value)))
         .map(|name| MethodArg(Method::find(&name)))

@@ -1,10 +1,12 @@
 //! The cheapest renderer that meets an error bound, by a model that is measured on the scene itself.
 //!
-//! A small view of the scene is rendered with every setting and judged by three pictures of the reference with seeds of their
-//! own, whose noise cancels (`compare::relative_rmse_by`). A raster keeps its error in
-//! a larger picture and takes a time of its own, for triangles and texels, and time by the pixel, told apart by a second view; the path tracer's error falls with the root of its samples. What is
-//! predicted to meet the bound is tried, cheapest first, on the view itself and judged in the same way until it meets or misses the bound
-//! beyond doubt; what is left at the end is the reference with as many samples as its own variance asks for. Errors are relative RMSE ([`compare::Errors`]).
+//! A small view of the scene is rendered with every setting and judged by three pictures of the reference
+//! with seeds of their own, whose noise cancels (`compare::relative_rmse_by`). A raster keeps its error in a
+//! larger picture and takes a time of its own, for triangles and texels, and time by the pixel, told apart by
+//! a second view; the path tracer's error falls with the root of its samples. What is predicted to meet the
+//! bound is tried, cheapest first, on the view itself and judged in the same way until it meets or misses the
+//! bound beyond doubt; what is left at the end is the reference with as many samples as its own variance asks
+//! for. Errors are relative RMSE ([`compare::Errors`]).
 
 mod verdict;
 
@@ -29,7 +31,8 @@ const SMALL_WIDTH: u32 = 64;
 const LARGER: u32 = 2;
 /// Samples a pixel of the pictures that judge the small view.
 const SMALL_SAMPLES: u32 = 64;
-/// Samples a pixel at least: with fewer, caustics are missed by the view that foretells them and by the one that verifies.
+/// Samples a pixel at least: with fewer, caustics are missed by the view that foretells them and by the one
+/// that verifies.
 const LEAST_SAMPLES: u32 = 16;
 /// Passes that the path tracer's variance is told from; samples a pixel are a multiple of it.
 const PASSES: u32 = 4;
@@ -41,9 +44,11 @@ const RESERVE: f64 = 1.5;
 pub struct Work<'a> {
     /// How often what is prepared will be used.
     pub uses: Uses,
-    /// The frames, or some of them: methods that cannot vary what they vary are left out, and a change of light is measured by theirs.
+    /// The frames, or some of them: methods that cannot vary what they vary are left out, and a change of
+    /// light is measured by theirs.
     pub frames: &'a [State],
-    /// The least error that will be asked for: a method whose baking alone would outlast the path tracer is then not tried.
+    /// The least error that will be asked for: a method whose baking alone would outlast the path tracer is
+    /// then not tried.
     pub max_error: Option<f64>,
     /// What was baked before.
     pub baked: Option<&'a Path>,
@@ -151,7 +156,8 @@ impl<'a> Model<'a> {
     /// Measures every setting on a small view. The reference's settings have its bounces, seed and limits.
     ///
     /// # Errors
-    /// Those of the scene and of the path tracer. Another method that fails or cannot draw the scene is left out.
+    /// Those of the scene and of the path tracer. Another method that fails or cannot draw the scene is left
+    /// out.
     pub fn measure(scene: &'a Scene, given: &Settings, work: &Work<'_>) -> Result<Self> {
         let of = |method: &'static Method| (method.variants)(scene, given).into_iter();
         let weighed = METHODS.iter().flat_map(|method| of(method).map(move |variant| (method, variant)));
@@ -378,7 +384,8 @@ fn measured(
     Ok((player, rendering, light_seconds, seconds))
 }
 
-/// A view under another light: that of the first frame that has one, else the environment turned or a light dimmed.
+/// A view under another light: that of the first frame that has one, else the environment turned or a light
+/// dimmed.
 fn changed(scene: &Scene, frames: &[State], view: &State) -> State {
     if let Some(other) = frames.iter().find(|frame| !frame.has_light_of(view)) {
         return State { camera: view.camera, ..other.clone() };
@@ -392,7 +399,8 @@ fn changed(scene: &Scene, frames: &[State], view: &State) -> State {
     other
 }
 
-/// The candidates by the predicted time of the whole: index, samples a pixel of the path tracer, and what is predicted.
+/// The candidates by the predicted time of the whole: index, samples a pixel of the path tracer, and what is
+/// predicted.
 fn order(
     candidates: &[Candidate],
     view: &Camera,
@@ -519,8 +527,8 @@ mod tests {
         );
     }
 
-    /// Baking for 60 s pays for frames of 1 s instead of 3 from 30 on; with the light changed between them, which costs 1 s and
-    /// nothing, from 60 on.
+    /// Baking for 60 s pays for frames of 1 s instead of 3 from 30 on; with the light changed between them,
+    /// which costs 1 s and nothing, from 60 on.
     #[test]
     fn what_is_used_often_may_take_long_to_bake() {
         let candidate = |name: &str, [bake_seconds, light_seconds, seconds]: [f64; 3]| Candidate {

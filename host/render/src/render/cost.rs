@@ -9,7 +9,8 @@ pub struct Cost {
     pub bake_rays: u64,
     /// Bytes of what was baked, on disk where it is in a folder.
     pub baked_bytes: u64,
-    /// Seconds for what is the same for every frame: trees, tables, uploads, pipelines, and reading what was baked.
+    /// Seconds for what is the same for every frame: trees, tables, uploads, pipelines, and reading what was
+    /// baked.
     pub prepare_seconds: f64,
     /// Seconds for a change of the light, or of what it falls on.
     pub light_seconds: f64,

@@ -41,8 +41,8 @@ pub struct Chosen {
 /// What to render with.
 #[derive(Debug, Clone, Copy)]
 pub struct Job<'a> {
-    /// The method; without one the cheapest by the whole that meets `max_error`, else `lights` when there is a GPU and no
-    /// environment, else the reference.
+    /// The method; without one the cheapest by the whole that meets `max_error`, else `lights` when there is
+    /// a GPU and no environment, else the reference.
     pub method: Option<&'static Method>,
     /// Settings of all methods.
     pub settings: Settings,
@@ -73,8 +73,8 @@ impl Job<'_> {
     /// Renders frames one after another; `each` takes them as they come, with their numbers.
     ///
     /// # Errors
-    /// Input errors for no frames, for a scene that the method cannot draw or frames that it cannot vary, and for a folder that is of
-    /// something else; failures of the device; and what `each` returns.
+    /// Input errors for no frames, for a scene that the method cannot draw or frames that it cannot vary, and
+    /// for a folder that is of something else; failures of the device; and what `each` returns.
     pub fn run(
         &self,
         scene: &Scene,
@@ -137,8 +137,8 @@ fn method_of(folder: &Path) -> Result<&'static Method> {
     })
 }
 
-/// Makes a scene ready by a method, with what was baked of it where there is a folder; without a method by `lights`, or on the CPU
-/// where that cannot be, which is then said.
+/// Makes a scene ready by a method, with what was baked of it where there is a folder; without a method by
+/// `lights`, or on the CPU where that cannot be, which is then said.
 ///
 /// # Errors
 /// Those of the method; `lights` without a GPU is a failure, no method is not.

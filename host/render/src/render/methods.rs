@@ -82,7 +82,7 @@ pub static METHODS: [Method; 3] = [
     Method {
         name: "environment",
         summary: "Prefiltered environment maps, on the CPU or the GPU",
-        draws: "environment by prefiltered maps (6.13)–(6.18), lights as in `lights`, with their shadows on the GPU",
+        draws: "environment by prefiltered maps (6.13)–(6.18), lights as in `lights`, with shadows on the GPU",
         varies: Varies::ALL,
         cannot_draw: |_| Vec::new(),
         bakes: true,
@@ -136,7 +136,8 @@ mod tests {
         METHODS.iter().for_each(|method| method.check(&scene).unwrap());
         scene.lights.clear();
         let error = Method::find("lights").unwrap().check(&scene).unwrap_err();
-        let expected = "`lights` does not draw a scene that its environment alone lights; use --method reference or environment";
+        let expected = "`lights` does not draw a scene that its environment alone lights; use --method reference or \
+                        environment";
         assert_eq!(error.to_string(), expected);
     }
 }

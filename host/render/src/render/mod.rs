@@ -1,6 +1,7 @@
-//! Renderers. Each is a [`Renderer`]: it bakes what it stores of a [`Scene`] ([`bake`]), opens it as a [`Player`], and that gives a
-//! [`Rendering`] of one [`State`] after another, a linear picture with what it cost. [`compare`] tells how far a picture is from the
-//! reference's. [`METHODS`] is the table of all methods, [`Job`] a rendering by any of them.
+//! Renderers. Each is a [`Renderer`]: it bakes what it stores of a [`Scene`] ([`bake`]), opens it as a
+//! [`Player`], and that gives a [`Rendering`] of one [`State`] after another, a linear picture with what it
+//! cost. [`compare`] tells how far a picture is from the reference's. [`METHODS`] is the table of all
+//! methods, [`Job`] a rendering by any of them.
 
 pub mod bake;
 mod bvh;
@@ -39,7 +40,8 @@ pub trait Renderer {
     /// The name of its row in [`METHODS`].
     fn name(&self) -> &'static str;
 
-    /// What its baking depends on for a scene, told in far less time than baking takes; nothing for a method that bakes nothing.
+    /// What its baking depends on for a scene, told in far less time than baking takes; nothing for a method
+    /// that bakes nothing.
     ///
     /// # Errors
     /// Input errors for settings and scenes that it refuses.
@@ -55,7 +57,8 @@ pub trait Renderer {
         Ok(None)
     }
 
-    /// Seconds that baking is expected to take, told without baking; nothing where that is no more than a moment.
+    /// Seconds that baking is expected to take, told without baking; nothing where that is no more than a
+    /// moment.
     fn expected_bake_seconds(&self, _scene: &Scene) -> Option<f64> {
         None
     }
@@ -63,7 +66,8 @@ pub trait Renderer {
     /// Makes a scene ready to be played, by what was baked of it: does what is the same for every frame.
     ///
     /// # Errors
-    /// Input errors for a scene that [`Scene::check`] or the method refuses, and for damage of what was baked; failures of the device.
+    /// Input errors for a scene that [`Scene::check`] or the method refuses, and for damage of what was
+    /// baked; failures of the device.
     fn open(&self, scene: &Scene, baked: &Baked) -> Result<Box<dyn Player>>;
 
     /// Bakes a scene in memory and opens it.
@@ -86,7 +90,8 @@ pub trait Renderer {
 
 /// A scene that one method has made ready.
 pub trait Player {
-    /// Renders the scene in a state, and redoes only what differs from the state before; the first follows the scene as it stands.
+    /// Renders the scene in a state, and redoes only what differs from the state before; the first follows
+    /// the scene as it stands.
     ///
     /// # Errors
     /// Input errors for a state that [`Scene::at`] refuses; failures of the device.

@@ -54,7 +54,8 @@ fn play(renderer: &dyn Renderer, same: impl Fn(&Picture, &Picture) -> bool) {
         placed.parameters.clear();
         let anew = renderer.render(&placed, &placed.camera).unwrap();
         assert!(same(&rendering.picture, &anew.picture), "frame {k} of {}", renderer.name());
-        // A picture that did not change would agree with one that was forgotten. The raster's background is behind a backdrop here.
+        // A picture that did not change would agree with one that was forgotten. The raster's background is
+        // behind a backdrop here.
         let hidden = renderer.name() == "lights" && redone == ["turn"];
         let last = before.replace(rendering.picture.clone());
         assert!(hidden || last.is_none_or(|last| last != rendering.picture), "frame {k} is that before");
@@ -67,7 +68,8 @@ fn the_path_tracers_frames_are_those_of_the_scene_in_that_state_and_redo_what_ch
     play(&settings, |a, b| a == b);
 }
 
-/// A turn about +y is one of lookups in the maps, whose pixels stand in the image's own frame: nothing is prefiltered again.
+/// A turn about +y is one of lookups in the maps, whose pixels stand in the image's own frame: nothing is
+/// prefiltered again.
 #[test]
 fn prefiltered_frames_are_those_of_the_scene_in_that_state_and_a_turn_prefilters_nothing() {
     for harmonics in [false, true] {

@@ -17,8 +17,8 @@ pub struct Animation {
 }
 
 impl Animation {
-    /// The state of a frame, 0 to `frames` − 1, at the picture's size of the first key. An open path ends in its last state; a
-    /// closed one ends a frame before it repeats.
+    /// The state of a frame, 0 to `frames` − 1, at the picture's size of the first key. An open path ends in
+    /// its last state; a closed one ends a frame before it repeats.
     pub fn state(&self, frame: u32) -> State {
         let count = self.keys.len() as i64;
         let (spans, steps) =
@@ -60,7 +60,8 @@ impl Animation {
 }
 
 impl Scene {
-    /// The states of the animation's frames; none without one. A parameter that a spline swings beyond its range stays at its end.
+    /// The states of the animation's frames; none without one. A parameter that a spline swings beyond its
+    /// range stays at its end.
     pub fn frames(&self) -> Vec<State> {
         let Some(animation) = &self.animation else { return Vec::new() };
         let within = |mut state: State| {

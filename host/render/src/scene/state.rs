@@ -1,7 +1,8 @@
-//! What differs from frame to frame: the camera, the turn of the environment, where lights and objects stand, named parameters.
+//! What differs from frame to frame: the camera, the turn of the environment, where lights and objects stand,
+//! named parameters.
 //!
-//! A [`State`] says it relative to the [`Scene`], which [`Scene::at`] gives in that state. A method says what it can vary by
-//! [`Varies`].
+//! A [`State`] says it relative to the [`Scene`], which [`Scene::at`] gives in that state. A method says what
+//! it can vary by [`Varies`].
 
 use glam::{Affine3A, EulerRot, Quat, Vec3};
 

@@ -19,6 +19,8 @@ const DESCRIPTION: &str = "bake.json";
 const LOG: &str = "log.jsonl";
 /// What a part begins with.
 const MAGIC: &[u8; 8] = b"LOBEBAKE";
+/// Parts at most: what a damaged description asks for beyond is not looked for.
+const MOST_PARTS: usize = 1 << 20;
 /// Bytes before a part's content.
 pub(super) const HEAD: usize = 8 + 4 + 4 + 8 + 8 + 64 + 64;
 
@@ -72,6 +74,9 @@ impl Folder {
             return Ok(folder);
         }
         files::try_folder(path)?;
+        if parts > MOST_PARTS {
+            return Err(Error::failure(format!("a bake has at most {MOST_PARTS} parts, not {parts}")));
+        }
         let description = Description { format: FORMAT, made_of: made_of.clone(), parts };
         let text = serde_json::to_string_pretty(&description)
             .map_err(|error| Error::writing(&path.join(DESCRIPTION), error))?;
@@ -97,11 +102,14 @@ impl Folder {
         let format = value.get("format").and_then(serde_json::Value::as_u64).ok_or_else(damaged)?;
         if format != u64::from(FORMAT) {
             return Err(Error::input(format!(
-                "{}: baked in format {format} by another version of Lobelia, this one has format {FORMAT}; bake again",
+                "{}: baked in format {format} by another version, this one has format {FORMAT}; bake again",
                 path.display()
             )));
         }
         let Description { made_of, parts, .. } = serde_json::from_value(value).map_err(|_| damaged())?;
+        if parts > MOST_PARTS {
+            return Err(damaged());
+        }
         Ok(Self { path: path.into(), made_of, parts, key: sha256(&text) })
     }
 
@@ -181,13 +189,10 @@ impl Folder {
     /// # Errors
     /// Failures of the disk.
     pub(super) fn write(&self, index: usize, made: &Made) -> Result<()> {
-        let number = |value: usize| {
-            u32::try_from(value).map_err(|_| Error::failure(format!("a bake of {value} parts is too large")))
-        };
         let mut head = Vec::with_capacity(HEAD);
         head.extend(MAGIC);
         head.extend(FORMAT.to_le_bytes());
-        head.extend(number(index)?.to_le_bytes());
+        head.extend((index as u32).to_le_bytes());
         head.extend(made.rays.to_le_bytes());
         head.extend((made.content.len() as u64).to_le_bytes());
         head.extend(self.key.as_bytes());
@@ -213,7 +218,8 @@ impl Folder {
         append().map_err(|error| Error::writing(&path, error))
     }
 
-    /// How long each part took, the last time that it was made; lines that a killed bake left half are passed over.
+    /// How long each part took, the last time that it was made; lines that a killed bake left half are passed
+    /// over.
     pub(super) fn logged(&self) -> BTreeMap<usize, f64> {
         let text = std::fs::read_to_string(self.path.join(LOG)).unwrap_or_default();
         let lines = text.lines().filter_map(|line| serde_json::from_str::<Logged>(line).ok());

@@ -1,8 +1,9 @@
 //! What a method prepares once and stores: [`Bake`], and what it comes to, [`Baked`].
 //!
-//! A folder holds `bake.json`, which says what was baked of what, a file a part, and `log.jsonl`, which says how long parts took and
-//! is no part of what was baked. The same scene and settings give the same `bake.json` and the same parts, byte for byte, whatever
-//! the number of threads, of chunks, and of times that baking was killed. Numbers of a part's head are little-endian:
+//! A folder holds `bake.json`, which says what was baked of what, a file a part, and `log.jsonl`, which says
+//! how long parts took and is no part of what was baked. The same scene and settings give the same
+//! `bake.json` and the same parts, byte for byte, whatever the number of threads, of chunks, and of times
+//! that baking was killed. Numbers of a part's head are little-endian:
 //!
 //! | bytes | what |
 //! |---|---|
@@ -48,8 +49,8 @@ pub struct MadeOf {
     pub version: u32,
     /// The settings that baking depends on, in words.
     pub settings: String,
-    /// Hashes ([`crate::scene::hash`]) or values of what it is of, by name ("the environment", "the meshes"): of those things alone
-    /// that baking depends on, so that what it does not depend on may change.
+    /// Hashes ([`crate::scene::hash`]) or values of what it is of, by name ("the environment", "the meshes"):
+    /// of those things alone that baking depends on, so that what it does not depend on may change.
     pub of: BTreeMap<String, String>,
 }
 
@@ -73,9 +74,11 @@ pub struct Made {
     pub rays: u64,
 }
 
-/// The work of baking a scene. Its parts are made one after another; a part that takes long shares its work among threads.
+/// The work of baking a scene. Its parts are made one after another; a part that takes long shares its work
+/// among threads.
 pub trait Bake {
-    /// All parts, of some seconds and some megabytes each at most where that is possible: one is what a killed bake loses.
+    /// All parts, of some seconds and some megabytes each at most where that is possible: one is what a
+    /// killed bake loses.
     fn parts(&self) -> Vec<Part>;
 
     /// Makes a part; `done` has those that it needs.
@@ -132,11 +135,12 @@ impl Baked {
         Ok(baked)
     }
 
-    /// Opens a folder, whose parts must all be there, of the sizes that they should have; their content is checked as it is read.
+    /// Opens a folder, whose parts must all be there, of the sizes that they should have; their content is
+    /// checked as it is read.
     ///
     /// # Errors
-    /// Input errors for a folder that is none, or of another scene, of other settings, or of another version; and for a part that is
-    /// missing or damaged.
+    /// Input errors for a folder that is none, or of another scene, of other settings, or of another version;
+    /// and for a part that is missing or damaged.
     pub fn open(path: &Path, renderer: &dyn Renderer, scene: &Scene) -> Result<Self> {
         let folder = Folder::open(path)?;
         let made_of = renderer.made_of(scene)?.ok_or_else(|| {

@@ -55,10 +55,12 @@ pub struct Outcome {
     pub damaged: usize,
 }
 
-/// Bakes a scene into a folder, going on where an earlier run was killed. `tell` hears what it will take, after the least part.
+/// Bakes a scene into a folder, going on where an earlier run was killed. `tell` hears what it will take,
+/// after the least part.
 ///
 /// # Errors
-/// Input errors for a method that bakes nothing and for a folder of something else; those of the method and of the disk.
+/// Input errors for a method that bakes nothing and for a folder of something else; those of the method and
+/// of the disk.
 pub fn bake(
     renderer: &dyn Renderer,
     scene: &Scene,
@@ -172,7 +174,8 @@ fn run(
     Ok(outcome)
 }
 
-/// Joins what was baked in chunks into one folder, which may be one of them; returns how many parts it has and how many there are.
+/// Joins what was baked in chunks into one folder, which may be one of them; returns how many parts it has
+/// and how many there are.
 ///
 /// # Errors
 /// Input errors for folders that are not of the same, for damaged parts and for parts that none of them has.
@@ -218,7 +221,7 @@ pub fn merge(chunks: &[PathBuf], into: &Path) -> Result<Baked> {
     if !missing.is_empty() {
         let (named, into) = (named(&missing), into.display());
         return Err(Error::input(format!(
-            "{into}: not all parts are there; missing: {named} of {}; bake the chunks that have them and merge again",
+            "{into}: not all parts are there; missing: {named} of {}; bake their chunks and merge again",
             first.parts
         )));
     }

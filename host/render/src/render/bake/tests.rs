@@ -1,4 +1,5 @@
-//! Folders, with a method whose parts are known: part k holds its number, and, of the second half, the sum of the first.
+//! Folders, with a method whose parts are known: part k holds its number, and, of the second half, the sum of
+//! the first.
 
 use std::cell::Cell;
 

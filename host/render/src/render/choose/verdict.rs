@@ -1,8 +1,8 @@
-//! Whether a picture without noise of its own meets an error: judged by pictures of the path tracer, round by round, until that is
-//! beyond doubt.
+//! Whether a picture without noise of its own meets an error: judged by pictures of the path tracer, round by
+//! round, until that is beyond doubt.
 //!
-//! A round is two pictures with seeds of their own, whose noise cancels in the mean of (a − r)(a − s) (`compare::relative_square_by`);
-//! the spread of the rounds tells how well their mean is known.
+//! A round is two pictures with seeds of their own, whose noise cancels in the mean of (a − r)(a − s)
+//! (`compare::relative_square_by`); the spread of the rounds tells how well their mean is known.
 
 use super::{judge, reference};
 use crate::render::{Picture, Renderer, compare};
@@ -16,8 +16,8 @@ const LEAST_ROUNDS: usize = 4;
 const MOST_ROUNDS: usize = 24;
 /// Rounds that are kept for the next picture to be judged.
 const KEPT_ROUNDS: usize = 4;
-/// Standard errors that are no doubt. As the rounds that they come from are few, one verdict in fifty is wrong where the error is at
-/// the bound, and next to none where it is not.
+/// Standard errors that are no doubt. As the rounds that they come from are few, one verdict in fifty is
+/// wrong where the error is at the bound, and next to none where it is not.
 const BEYOND_DOUBT: f64 = 4.0;
 
 /// What judges the pictures of one frame.
@@ -106,8 +106,8 @@ mod tests {
         assert_eq!(verdict(&[f64::NAN], 2.0).1, Some(false));
     }
 
-    /// Rounds that scatter by as much as the bound itself: of 2,000 pictures at 0.7 and 1.4 times the bound at most 2 % are judged wrongly,
-    /// where a single round is wrong for more than a quarter.
+    /// Rounds that scatter by as much as the bound itself: of 2,000 pictures at 0.7 and 1.4 times the bound
+    /// at most 2 % are judged wrongly, where a single round is wrong for more than a quarter.
     #[test]
     fn noise_of_the_judges_seldom_decides() {
         let mut random = Random::new(7);

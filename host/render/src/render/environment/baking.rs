@@ -1,8 +1,9 @@
-//! What is baked: the prefiltered maps, a part each. They depend on the environment's pixels, not on its turn, on the range of the
-//! lobes' exponents and on the maps' error; the scene's meshes, lights and views may change.
+//! What is baked: the prefiltered maps, a part each. They depend on the environment's pixels, not on its
+//! turn, on the range of the lobes' exponents and on the maps' error; the scene's meshes, lights and views
+//! may change.
 //!
-//! A part's content, little-endian: whether the map is of D(N), of S, or both (1, 2, 3, u32), its exponent (f32), width and height
-//! (u32), then red, green and blue of every pixel (f32).
+//! A part's content, little-endian: whether the map is of D(N), of S, or both (1, 2, 3, u32), its exponent
+//! (f32), width and height (u32), then red, green and blue of every pixel (f32).
 
 use std::collections::BTreeMap;
 
@@ -122,7 +123,8 @@ fn read(content: &[u8]) -> Option<(Wanted, Environment)> {
     let roles = u32::from_le_bytes(word(0));
     let n = f32::from_le_bytes(word(1));
     let [width, height] = [2, 3].map(|k| u32::from_le_bytes(word(k)) as usize);
-    if pixels.len() != width.checked_mul(height)?.checked_mul(PIXEL)? || !n.is_finite() {
+    let whole = width.checked_mul(height)?.checked_mul(PIXEL)?;
+    if pixels.len() != whole || width < 2 || height < 2 || !(n.is_finite() && n > 0.0) {
         return None;
     }
     let pixel = |bytes: &[u8]| {

@@ -183,9 +183,10 @@ impl Prefiltered {
             .filter(|(wanted, _)| wanted.roles[1])
             .map(|(wanted, map)| (wanted.n, map))
             .collect();
-        match diffuse.filter(|_| !slices.is_empty()) {
+        let rising = slices.windows(2).all(|pair| pair[0].0 < pair[1].0);
+        match diffuse.filter(|_| rising && !slices.is_empty()) {
             Some(diffuse) => Ok(Self { rotation, diffuse, slices }),
-            None => Err(Error::input("not all prefiltered maps are there")),
+            None => Err(Error::input("not all prefiltered maps are there, or not in their order")),
         }
     }
 
