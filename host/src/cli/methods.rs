@@ -33,7 +33,7 @@ pub(super) fn that_bake() -> impl TypedValueParser<Value = MethodArg> {
 }
 
 fn value(method: &Method) -> PossibleValue {
-    PossibleValue::new(method.name).help(method.summary)
+    PossibleValue::new(method.name).help(format!("{}: {}", method.summary, method.draws))
 }
 
 /// One of some settings, each with its name and what it is.

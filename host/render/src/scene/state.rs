@@ -211,7 +211,7 @@ impl Scene {
         }
         for (value, parameter) in state.parameters.iter().zip(&self.parameters) {
             let Parameter { name, range: [low, high], .. } = parameter;
-            if !(low.min(*high)..=low.max(*high)).contains(&value) {
+            if !(low.min(*high)..=low.max(*high)).contains(value) {
                 return Err(Error::input(format!("parameter {name} is {value}; use {low} to {high}")));
             }
         }

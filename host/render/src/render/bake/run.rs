@@ -104,19 +104,21 @@ fn run(
     // What is there is read: damage must not stay.
     let mut there = vec![false; parts.len()];
     let mut left = Vec::new();
-    for index in 0..parts.len() {
+    for (index, there) in there.iter_mut().enumerate() {
         let exists = part_file(&folder.path, index).exists();
-        there[index] = exists
-            && match is_own(&index) {
+        let own = is_own(&index);
+        *there = exists
+            && match own {
                 true => folder.content(index).is_ok(),
                 false => matches!(folder.head(index), Ok(Some(_))),
             };
-        if is_own(&index) {
-            outcome.damaged += usize::from(exists && !there[index]);
-            match there[index] {
-                true => outcome.parts[1] += 1,
-                false => left.push(index),
+        match (own, *there) {
+            (true, true) => outcome.parts[1] += 1,
+            (true, false) => {
+                outcome.damaged += usize::from(exists);
+                left.push(index);
             }
+            (false, _) => {}
         }
     }
     let done_before = Baked::of_parts_in(folder.clone());

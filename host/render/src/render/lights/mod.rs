@@ -286,10 +286,9 @@ impl Lights {
         gpu.guarded(|| {
             let near = if changes.triangles { near(scene) } else { 0.0 };
             pass.follow(gpu, scene, changes, near)?;
-            if let Some(environment) = scene.environment.as_ref().filter(|_| changes.turn) {
-                if pass.has_distant() {
-                    pass.turn(gpu, sky(gpu, environment.rotation)?);
-                }
+            let turned = scene.environment.as_ref().filter(|_| changes.turn && pass.has_distant());
+            if let Some(environment) = turned {
+                pass.turn(gpu, sky(gpu, environment.rotation)?);
             }
             Ok(())
         })?;
