@@ -15,7 +15,7 @@ use lobelia::develop::frame;
 use lobelia::edit::{palette, picture};
 use lobelia::plan::Plan;
 use lobelia::reflectance::{FormatError, LobeBrdf, MeasuredTable, Microfacet, Rgb, SbrdfMap, materials};
-use lobelia::render::Picture;
+use lobelia::render::{Picture, bake, environment as environment_maps};
 use lobelia::rig::config::RigConfig;
 use lobelia::rig::trace;
 use lobelia::sampled::{PoseGeometry, SampledSbrdf};
@@ -110,6 +110,35 @@ fn damaged_stores_are_read_or_refused() {
 #[ignore = "30 s; cargo xtask long"]
 fn stores_for_long() {
     stores(LONG);
+}
+
+#[test]
+fn damaged_bakes_are_read_or_refused() {
+    bakes(COUNT);
+}
+
+#[test]
+#[ignore = "30 s; cargo xtask long"]
+fn bakes_for_long() {
+    bakes(LONG);
+}
+
+/// Every file of a folder of what was baked, each mutated beside the others as they are.
+fn bakes(extent: Extent) {
+    let temporary = tempfile::tempdir().unwrap();
+    let folder = temporary.path().join("baked");
+    let mut scene = Scene::open(Path::new("studio-ball")).unwrap();
+    scene.environment = Some(Environment::uniform(Rgb::ONE));
+    let settings = environment_maps::Settings { map_error: 0.3, ..Default::default() };
+    let task = bake::Task { folder: &folder, chunk: None, estimate_only: false };
+    bake::bake(&settings, &scene, task, |_| ()).unwrap();
+    std::fs::remove_file(folder.join("log.jsonl")).unwrap();
+    let corpus = Sound::of_folder(&folder, &[".json", ".part"]);
+    let peak = || MEMORY.max_allocated();
+    survives(&folder, &corpus, "baked", extent, peak, |path| {
+        let baked = bake::Baked::open(path.parent().unwrap(), &settings, &scene)?;
+        (0..baked.parts()).try_for_each(|part| baked.part(part).map(drop))
+    });
 }
 
 /// What must hold of a map that is taken.

@@ -88,11 +88,12 @@ fn whole_name(path: &Path) -> PathBuf {
 pub fn what_is(path: &Path) -> Option<&'static str> {
     if path.is_dir() {
         let has = |name: &str| path.join(name).is_file();
-        return Some(match (has("journal.jsonl"), has("zarr.json")) {
-            (true, _) => "a run",
-            (_, true) => "a sampled SBRDF",
-            _ => "a folder",
-        });
+        let kinds = [
+            ("journal.jsonl", "a run"),
+            ("zarr.json", "a sampled SBRDF"),
+            ("bake.json", "what was baked of a scene"),
+        ];
+        return Some(kinds.into_iter().find(|(name, _)| has(name)).map_or("a folder", |(_, what)| what));
     }
     Some(match ending(path).as_str() {
         "exr" => "an SBRDF map or a picture",

@@ -125,6 +125,7 @@ fn ball(environment: &Environment, n: f32, width: u32) -> Scene {
             height: width,
         },
         animation: None,
+        parameters: vec![],
         exposure: 1.0,
     }
 }

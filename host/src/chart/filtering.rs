@@ -55,6 +55,7 @@ fn scene(map: &Arc<SbrdfMap>, fitted: &[Arc<SbrdfMap>], texels: f32) -> Scene {
             height: SIZE[1],
         },
         animation: None,
+        parameters: vec![],
         exposure: 1.0,
     }
 }

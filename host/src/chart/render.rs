@@ -3,11 +3,9 @@
 use super::{Axis, Cell, Chart, Picture, Plot, Section, Series, Table};
 use crate::error::{Error, Kind, Result};
 use crate::progress;
-use crate::render::choose::{Model, Tried, taken};
+use crate::render::choose::{Model, Tried, Work, taken};
 use crate::render::compare::{Errors, compare};
-use crate::render::lights::Filtering;
-use crate::render::storage::Storage;
-use crate::render::{self, Method, Renderer, Rendering, environment, lights, reference};
+use crate::render::{self, METHODS, Method, Player, Renderer, Rendering, environment, reference};
 use crate::scene::Scene;
 
 /// Errors that a picture is chosen for.
@@ -19,7 +17,7 @@ const TRUTH_NOISE: f64 = 0.01;
 struct Setting<'a> {
     method: &'static str,
     name: String,
-    render: Box<dyn Fn() -> Result<Rendering> + 'a>,
+    render: Box<dyn FnMut() -> Result<Rendering> + 'a>,
 }
 
 /// The settings of one method.
@@ -50,36 +48,19 @@ struct OfScene {
     outcomes: Vec<[f64; 4]>,
 }
 
-/// Every renderer with the settings that trade its time for error; what the model has made ready is not made again.
-fn settings<'a>(scene: &'a Scene, model: &Model<'a>, seed: u64) -> Vec<Setting<'a>> {
+/// Every method with the settings that trade its time for error; what the model has made ready is not made again.
+fn settings<'a>(scene: &'a Scene, model: &Model<'a>, base: &render::Settings) -> Vec<Setting<'a>> {
     let mut all = Vec::new();
-    let mut add = |method, name: String, renderer: Box<dyn Renderer>| {
-        let render = Box::new(move || renderer.render(scene, &scene.camera));
-        all.push(Setting { method, name, render });
-    };
-    let all_bounces = reference::Settings { seed, ..Default::default() };
-    let one = reference::Settings { bounces: 1, ..all_bounces };
-    for (method, paths) in [("reference", all_bounces), ("reference, one bounce", one)] {
-        for samples in [1, 4, 16, 64] {
-            let renderer = reference::Settings { samples, ..paths };
-            add(method, format!("{samples} samples"), Box::new(renderer));
+    for method in &METHODS {
+        for variant in (method.variants)(scene, base).into_iter().filter(|variant| !variant.weighed) {
+            let render = Box::new(move || variant.renderer.render(scene, &scene.camera));
+            all.push(Setting { method: variant.series, name: variant.name, render });
+        }
+        for (_, name, mut player) in model.ready().filter(|(of, ..)| *of == method) {
+            let render = Box::new(move || player.frame(&scene.state()));
+            all.push(Setting { method: method.name, name: name.into(), render });
         }
     }
-    let base = lights::Settings::default();
-    for storage in [Storage::Bits8, Storage::Bits8Scaled, Storage::F16] {
-        let renderer = lights::Settings { storage, ..base };
-        add("lights", format!("{}, {}", base.filtering.name(), storage.name()), Box::new(renderer));
-    }
-    for filtering in Filtering::ALL.into_iter().filter(|&filtering| filtering != base.filtering) {
-        let renderer = lights::Settings { filtering, ..base };
-        add("lights", filtering.name().into(), Box::new(renderer));
-    }
-    for (method, name, prepared) in model.ready() {
-        let render = Box::new(move || prepared.view(&scene.camera));
-        all.push(Setting { method: method.name(), name: name.into(), render });
-    }
-    // Stable: the settings of a method keep their order.
-    all.sort_by_key(|setting| ["lights", "environment"].iter().position(|&name| name == setting.method));
     all
 }
 
@@ -149,7 +130,8 @@ fn choices(scenes: &[(String, Scene)], charted: &[OfScene]) -> Section {
 
 /// One scene.
 fn section(name: &str, scene: &Scene, truth: u32, seed: u64) -> Result<OfScene> {
-    let model = model(scene, truth, seed)?;
+    let base = base(truth, seed);
+    let model = model(scene, &base)?;
     let judge = reference::Settings {
         samples: truth,
         max_error: Some(TRUTH_NOISE),
@@ -158,7 +140,7 @@ fn section(name: &str, scene: &Scene, truth: u32, seed: u64) -> Result<OfScene> 
     };
     let truth = judge.render(scene, &scene.camera)?;
     let Measurements { table, methods, reasons } =
-        measure(name, scene, &truth, settings(scene, &model, seed), model.refused())?;
+        measure(name, scene, &truth, settings(scene, &model, &base), model.refused())?;
     let noise = truth.estimated_error().unwrap_or_default();
     let text = format!(
         "Noise of the reference itself: at most {:.2} % relative RMSE.{}",
@@ -182,14 +164,19 @@ fn section(name: &str, scene: &Scene, truth: u32, seed: u64) -> Result<OfScene> 
     Ok(OfScene { section, choices, outcomes })
 }
 
-/// Times and errors by which a setting is chosen; the path tracer takes no more samples than what judges it.
-fn model(scene: &Scene, truth: u32, seed: u64) -> Result<Model<'_>> {
-    let settings = render::Settings {
+/// Settings of all methods; the path tracer takes no more samples than what judges it.
+fn base(truth: u32, seed: u64) -> render::Settings {
+    render::Settings {
         reference: reference::Settings { samples: truth, seed, ..Default::default() },
         environment: environment::Settings { seed, ..Default::default() },
         ..Default::default()
-    };
-    Model::measure(scene, &settings)
+    }
+}
+
+/// Times and errors by which a setting is chosen.
+fn model<'a>(scene: &'a Scene, base: &render::Settings) -> Result<Model<'a>> {
+    let least = BOUNDS.into_iter().reduce(f64::min);
+    Model::measure(scene, base, &Work { max_error: least, ..Work::ONCE })
 }
 
 /// Renders a scene with every setting and compares; what fails or is refused is left out of the plots.
@@ -198,7 +185,7 @@ fn measure<'a>(
     scene: &Scene,
     truth: &Rendering,
     settings: Vec<Setting<'_>>,
-    refused: impl Iterator<Item = (Method, &'a str, &'a Error)>,
+    refused: impl Iterator<Item = (&'static Method, &'a str, &'a Error)>,
 ) -> Result<Measurements> {
     let mut table = Table::new([
         "renderer",
@@ -212,9 +199,9 @@ fn measure<'a>(
     ]);
     let mut methods: Vec<Measured> = Vec::new();
     let mut left_out: Vec<(&str, String, Error)> =
-        refused.map(|(method, name, error)| (method.name(), name.into(), error.clone())).collect();
+        refused.map(|(method, name, error)| (method.name, name.into(), error.clone())).collect();
     let bar = progress::bar(name, settings.len() as u64, "pictures");
-    for Setting { method, name, render } in settings {
+    for Setting { method, name, mut render } in settings {
         bar.advance(1);
         let rendering = match render() {
             Ok(rendering) => rendering,
@@ -226,8 +213,8 @@ fn measure<'a>(
         let Errors { rmse, relative_rmse, flip, .. } = compare(&rendering.picture, &truth.picture)?;
         let cost = &rendering.cost;
         let memory = cost.memory_bytes as f64 / 1e6;
-        let numbers =
-            [cost.prepare_seconds, cost.render_seconds, memory, rmse, relative_rmse, flip].map(Cell::from);
+        let prepare = cost.bake_seconds + cost.prepare_seconds;
+        let numbers = [prepare, cost.render_seconds, memory, rmse, relative_rmse, flip].map(Cell::from);
         table.row(row(method, name.clone(), numbers));
         if methods.last().is_none_or(|last| last.method != method) {
             methods.push(Measured { method, ..Measured::default() });
@@ -279,15 +266,16 @@ fn choice(
     truth: &Rendering,
     bound: f64,
 ) -> Result<Option<([Cell; 8], [f64; 4])>> {
-    let outcome = model.meet(&scene.camera, bound)?;
-    let Some(Tried { method, name, predicted, actual: Some([seconds, verified]) }) = taken(&outcome.tried)
+    let outcome = model.meet(&scene.state(), bound)?;
+    let Some(Tried { method, name, predicted, actual: Some([seconds, verified]), .. }) =
+        taken(&outcome.tried)
     else {
         return Ok(None);
     };
     let error = compare(&outcome.rendering.picture, &truth.picture)?.relative_rmse;
     let cells = [
         bound.into(),
-        method.name().into(),
+        method.name.into(),
         name.as_str().into(),
         predicted[0].into(),
         (*seconds).into(),
@@ -319,8 +307,9 @@ mod tests {
         scene.environment = Some(crate::scene::Environment::from_function(32, 16, |d| {
             Rgb::splat(0.6 + 0.3 * d.x + d.y.max(0.0))
         }));
-        let model = model(&scene, 128, 1).unwrap();
-        let mut all = settings(&scene, &model, 1);
+        let base = base(128, 1);
+        let model = model(&scene, &base).unwrap();
+        let mut all = settings(&scene, &model, &base);
         // The raster's variants have tests of their own, and a driver in software takes seconds for each.
         all.retain(|setting| setting.method != "lights");
         let judge = reference::Settings { samples: 128, seed: 7, ..Default::default() };

@@ -17,7 +17,7 @@ use crate::scene::Mesh;
 const WRITTEN: [&str; 5] = ["output", "out", "report", "variance", "record"];
 
 /// Commands whose output is a folder for files of names of their own.
-const INTO_FOLDERS: [&str; 6] = ["acquire", "chart", "compare", "demo", "prefilter", "stability"];
+const INTO_FOLDERS: [&str; 7] = ["acquire", "bake", "chart", "compare", "demo", "prefilter", "stability"];
 
 /// More MIP levels than any map has.
 const MOST_LEVELS: u32 = 16;
@@ -146,7 +146,7 @@ fn files_of(command: &Command, matches: &ArgMatches) -> Files {
     files
 }
 
-/// What may not be written of a folder that is a run or a store: the files by which it is one.
+/// What may not be written of a folder that is a run, a store or a bake: the files by which it is one.
 fn inside(folder: &Path) -> Vec<PathBuf> {
     let file = |name: &str| folder.join(name);
     if file(journal::FILE_NAME).is_file() {
@@ -156,6 +156,9 @@ fn inside(folder: &Path) -> Vec<PathBuf> {
     }
     // Whoever writes to a store's parts names the group or an array of it.
     let parts = std::fs::read_dir(folder).into_iter().flatten().filter_map(|entry| Some(entry.ok()?.path()));
+    if file("bake.json").is_file() {
+        return parts.collect();
+    }
     if file("zarr.json").is_file() {
         return parts.flat_map(|part| [part.join("zarr.json"), part]).collect();
     }

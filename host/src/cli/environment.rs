@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 use clap::Args;
 
 use super::Context;
+use super::methods::options;
 use crate::error::{Error, Result};
 use crate::files;
 use crate::progress;
@@ -17,7 +18,7 @@ use crate::scene::Environment;
 #[command(next_help_heading = "Options of --method environment")]
 pub(super) struct EnvironmentArgs {
     /// How prefiltered maps encode the exponent [default: slices]
-    #[arg(long, value_enum)]
+    #[arg(long, value_parser = options(&Encoding::ALL, Encoding::option))]
     pub(super) encoding: Option<Encoding>,
     /// Relative error of the prefiltered maps, RMS over directions; their resolution and number follow from it [default: 0.01]
     #[arg(long, value_name = "E")]
@@ -38,10 +39,15 @@ impl EnvironmentArgs {
     ///
     /// # Errors
     /// An input error when another method is given any of these.
-    pub(super) fn settings(&self, method: Method, samples: Option<u32>, seed: u64) -> Result<Settings> {
+    pub(super) fn settings(
+        &self,
+        method: Option<&Method>,
+        samples: Option<u32>,
+        seed: u64,
+    ) -> Result<Settings> {
         let Self { encoding, map_error, no_horizon, harmonics, gpu } = *self;
         let given = encoding.is_some() || map_error.is_some() || no_horizon || harmonics || gpu;
-        if given && method != Method::Environment {
+        if given && method.is_none_or(|method| method.name != "environment") {
             return Err(Error::input(
                 "--encoding, --map-error, --no-horizon, --harmonics and --gpu go with --method environment",
             ));
@@ -131,11 +137,11 @@ mod tests {
     #[test]
     fn options_go_with_no_other_method() {
         let args = EnvironmentArgs { gpu: true, no_horizon: true, ..EnvironmentArgs::default() };
-        assert_eq!(args.settings(Method::Lights, None, 1).unwrap_err().exit_code(), 2);
-        let settings = args.settings(Method::Environment, Some(4), 1).unwrap();
+        assert_eq!(args.settings(Method::find("lights"), None, 1).unwrap_err().exit_code(), 2);
+        let settings = args.settings(Method::find("environment"), Some(4), 1).unwrap();
         assert_eq!((settings.gpu, settings.horizon, settings.samples), (true, false, 4));
         assert_eq!(
-            EnvironmentArgs::default().settings(Method::Environment, None, 0).unwrap(),
+            EnvironmentArgs::default().settings(Method::find("environment"), None, 0).unwrap(),
             Settings::default()
         );
     }

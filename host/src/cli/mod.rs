@@ -16,6 +16,7 @@ use crate::{files, progress};
 
 mod acquire;
 mod apart;
+mod bake;
 mod chart;
 mod compare;
 #[cfg(feature = "sim")]
@@ -24,6 +25,7 @@ mod develop;
 mod edit;
 mod environment;
 mod fit;
+mod methods;
 mod plan;
 mod render;
 mod rig;
@@ -89,6 +91,8 @@ enum Command {
     Edit(edit::EditArgs),
     /// Renders a scene
     Render(render::RenderArgs),
+    /// Bakes what a method prepares of a scene, for `render --baked`; joins and lists what was baked
+    Bake(bake::BakeArgs),
     /// Prefilters an environment by lobes, for other renderers
     Prefilter(environment::PrefilterArgs),
     /// Renders a run's poses from the fitted map, beside the photographs
@@ -118,6 +122,7 @@ impl Command {
             Self::Fit(_) => "fit",
             Self::Edit(_) => "edit",
             Self::Render(_) => "render",
+            Self::Bake(_) => "bake",
             Self::Prefilter(_) => "prefilter",
             Self::Rig(_) => "rig",
             Self::Synth(_) => "synth",
@@ -267,6 +272,7 @@ fn run(cli: Cli) -> Result<()> {
         Command::Synth(args) => synth::run(&args, &mut context),
         Command::Edit(args) => edit::run(&args, &mut context),
         Command::Render(args) => render::run(&args, &mut context),
+        Command::Bake(args) => bake::run(&args, &mut context),
         Command::Prefilter(args) => environment::run(&args, &mut context),
         Command::Compare(args) => compare::run(&args, &mut context),
         Command::Stability(args) => stability::run(&args, &mut context),

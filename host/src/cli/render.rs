@@ -5,19 +5,20 @@ use std::time::Instant;
 
 use super::Context;
 use super::environment::EnvironmentArgs;
+use super::methods::{self, MethodArg, options};
 use crate::chart::Table;
 use crate::error::{Error, Result};
 use crate::figures::ErrorFigure;
 use crate::files;
 use crate::memory;
 use crate::progress::counted;
-use crate::render::choose::{Model, Tried, taken};
+use crate::render::choose::{Tried, taken};
 use crate::render::compare::{Errors, compare};
 use crate::render::lights::{self, Filtering};
 use crate::render::storage::Storage;
-use crate::render::{self, Cost, Method, Picture, PictureKind, Rendering, reference};
+use crate::render::{self, Cost, Job, Method, Picture, PictureKind, Rendering, Uses, reference};
 use crate::report::Stage;
-use crate::scene::{Camera, Scene};
+use crate::scene::{Scene, State};
 
 /// Render a scene of SBRDF materials.
 #[derive(Debug, clap::Args)]
@@ -29,8 +30,11 @@ pub(super) struct RenderArgs {
     #[arg(short, long = "output", required = true)]
     pub(super) output: Vec<PathBuf>,
     /// How to render
-    #[arg(long, value_enum, default_value_t = Method::Auto)]
-    pub(super) method: Method,
+    #[arg(long, default_value = "auto", value_parser = methods::or_auto())]
+    pub(super) method: MethodArg,
+    /// A folder of `lobelia bake`, of this scene and of these settings; `auto` without --max-error takes the method that it is for
+    #[arg(long, value_name = "DIR")]
+    pub(super) baked: Option<PathBuf>,
     /// Samples a pixel: of the reference [default: 64, or as many as --seconds and --max-error need], of lights at edges [default: 4,
     /// or the most below that the GPU can], of environment [default: 16]
     #[arg(long, value_parser = clap::value_parser!(u32).range(1..=1_048_576))]
@@ -42,6 +46,13 @@ pub(super) struct RenderArgs {
     /// that meets it and judges its picture by the reference; `reference` stops by its pixels' variance
     #[arg(long, value_name = "E")]
     pub(super) max_error: Option<f64>,
+    /// Frames that what is prepared will be used for: with --max-error `auto` takes the cheapest by the whole, baking included
+    /// [default: those of the animation]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
+    pub(super) frames: Option<u32>,
+    /// Times that the light, or an object, changes between them [default: as in the animation]
+    #[arg(long, value_name = "N")]
+    pub(super) light_changes: Option<u32>,
     /// Reflections a path of the reference at most; 1 leaves interreflection out [default: 64]
     #[arg(long, value_parser = clap::value_parser!(u32).range(1..=1024))]
     pub(super) bounces: Option<u32>,
@@ -68,13 +79,13 @@ pub(super) struct RenderArgs {
 #[command(next_help_heading = "Options of --method lights")]
 pub(super) struct LightsArgs {
     /// What a pixel takes of a texture that is smaller than it should be [default: shaded]
-    #[arg(long, value_enum)]
+    #[arg(long, value_parser = options(&Filtering::ALL, Filtering::option))]
     filter: Option<Filtering>,
     /// Samples of a texture along an axis of the pixel at most; along the longer one with MIP levels [default: 16]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=256))]
     anisotropy: Option<u32>,
     /// How coefficients are stored on the GPU [default: f32]
-    #[arg(long, value_enum)]
+    #[arg(long, value_parser = options(&Storage::ALL, Storage::option))]
     storage: Option<Storage>,
     /// Samples of a rectangular light at most, for a pixel that sees it large; fewer from afar [default: 64]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=4096))]
@@ -93,7 +104,7 @@ impl RenderArgs {
         let LightsArgs { filter, anisotropy, storage, light_samples, no_shadows } = self.lights;
         let numbers = anisotropy.is_some() || light_samples.is_some();
         let given = filter.is_some() || numbers || storage.is_some() || no_shadows;
-        if given && self.method != Method::Lights {
+        if given && !self.method.is("lights") {
             return Err(Error::input(
                 "--filter, --anisotropy, --storage, --light-samples and --no-shadows go with --method lights",
             ));
@@ -123,9 +134,14 @@ impl RenderArgs {
 
     /// Refuses what a method that is named would not look at.
     fn check_method(&self) -> Result<()> {
-        if !matches!(self.method, Method::Lights | Method::Environment) {
-            return Ok(());
+        if (self.frames.is_some() || self.light_changes.is_some())
+            && (self.max_error.is_none() || self.method.0.is_some())
+        {
+            let message =
+                "--frames and --light-changes go with --method auto and --max-error, whose choice they weigh";
+            return Err(Error::input(message));
         }
+        let Some(method) = self.method.0.filter(|method| method.name != "reference") else { return Ok(()) };
         let given = [
             ("--seconds", self.seconds.is_some()),
             ("--max-error", self.max_error.is_some()),
@@ -134,9 +150,9 @@ impl RenderArgs {
         ];
         match given.into_iter().find(|(_, given)| *given) {
             Some((option, _)) => {
-                let method = self.method.name();
+                let name = method.name;
                 Err(Error::input(format!(
-                    "{option} goes with --method reference or auto; --method {method} would not look at it"
+                    "{option} goes with --method reference or auto; --method {name} would not look at it"
                 )))
             }
             None => Ok(()),
@@ -147,11 +163,11 @@ impl RenderArgs {
 /// What was done, for the report.
 #[derive(Debug)]
 pub(super) struct RenderOutcome {
-    /// Seconds a stage: `load`, `prepare`, `render`, `write`.
+    /// Seconds a stage: `load`, `bake`, `prepare`, `light`, `render`, `write`.
     pub(super) stages: Vec<(&'static str, f64)>,
-    /// The method that made the picture; never [`Method::Auto`].
-    pub(super) method: Method,
-    /// Why `auto` did not use the GPU.
+    /// The method that made the picture.
+    pub(super) method: &'static Method,
+    /// Why `auto` did not take another.
     pub(super) note: Option<String>,
     /// What `auto` tried for an error, by predicted time.
     pub(super) tried: Vec<Tried>,
@@ -168,7 +184,7 @@ pub(super) fn run(args: &RenderArgs, context: &mut Context) -> Result<()> {
     if args.scene.exists() {
         context.input_with_parts(&args.scene);
     }
-    args.against.iter().for_each(|picture| context.report.input(picture));
+    args.against.iter().chain(&args.baked).for_each(|path| context.report.input(path));
     let outcome = render_scene(args, context.seed)?;
     if let Some(note) = &outcome.note {
         let taken = if outcome.tried.is_empty() { "rendered on the CPU" } else { "a method was left out" };
@@ -188,7 +204,15 @@ pub(super) fn run(args: &RenderArgs, context: &mut Context) -> Result<()> {
     context.report.figure("rays", cost.rays);
     context.report.figure("draws", cost.draws);
     context.report.figure("render_memory_bytes", cost.memory_bytes);
-    context.report.figure("method", outcome.method.name());
+    context.report.figure("method", outcome.method.name);
+    let Cost { bake_seconds, light_seconds, view_seconds, .. } = *cost;
+    for (name, seconds) in
+        [("bake_seconds", bake_seconds), ("light_seconds", light_seconds), ("view_seconds", view_seconds)]
+    {
+        context.report.figure(name, seconds);
+    }
+    context.report.figure("bake_rays", cost.bake_rays);
+    context.report.figure("baked_bytes", cost.baked_bytes);
     let estimated = rendering.estimated_error();
     if let Some(estimated) = estimated {
         let over = format!("{} pixels × 3 channels", picture.pixels.len());
@@ -237,6 +261,10 @@ pub(super) fn outcomes(tried: &[Tried]) -> Table {
     let mut table = Table::new([
         "method",
         "setting",
+        "bake, s",
+        "prepare, s",
+        "a change of light, s",
+        "a frame, s",
         "predicted, s",
         "actual, s",
         "predicted relative RMSE",
@@ -252,8 +280,12 @@ pub(super) fn outcomes(tried: &[Tried]) -> Table {
             None => "",
         };
         table.row([
-            one.method.name().into(),
+            one.method.name.into(),
             one.name.as_str().into(),
+            one.foreseen.bake.into(),
+            one.foreseen.prepare.into(),
+            one.foreseen.light.into(),
+            one.foreseen.frame.into(),
             one.predicted[0].into(),
             seconds.into(),
             one.predicted[1].into(),
@@ -289,12 +321,12 @@ fn render_scene(args: &RenderArgs, seed: u64) -> Result<RenderOutcome> {
     let settings = render::Settings {
         reference: args.settings(seed),
         lights: args.lights()?,
-        environment: args.environment.settings(args.method, args.samples, seed)?,
+        environment: args.environment.settings(args.method.0, args.samples, seed)?,
     };
     let start = Instant::now();
     let mut scene = Scene::open(&args.scene)?;
     let keys = scene.animation.iter_mut().flat_map(|animation| &mut animation.keys);
-    for camera in std::iter::once(&mut scene.camera).chain(keys) {
+    for camera in std::iter::once(&mut scene.camera).chain(keys.map(|key| &mut key.camera)) {
         let scaled =
             |side: u32, from: u32, to: u32| (side as f32 * to as f32 / from as f32).round().max(1.0) as u32;
         (camera.width, camera.height) = match (args.width, args.height) {
@@ -303,8 +335,8 @@ fn render_scene(args: &RenderArgs, seed: u64) -> Result<RenderOutcome> {
             (width, height) => (width.unwrap_or(camera.width), height.unwrap_or(camera.height)),
         };
     }
-    let views = views(&scene, args)?;
-    for (camera, _) in &views {
+    let (states, paths): (Vec<State>, Vec<Vec<PathBuf>>) = frames(&scene, args)?.into_iter().unzip();
+    for State { camera, .. } in &states {
         camera.check()?;
         // Means and variances of a pixel, and the picture in the forms that it is written in.
         let pixels = u128::from(camera.width) * u128::from(camera.height);
@@ -314,84 +346,75 @@ fn render_scene(args: &RenderArgs, seed: u64) -> Result<RenderOutcome> {
     let against = args.against.as_deref().map(Picture::read_exr).transpose()?;
     let loaded = start.elapsed().as_secs_f64();
 
-    let mut tried = Vec::new();
-    let mut first = None;
-    let choosing = Instant::now();
-    let chosen = match (args.method, args.max_error, views.first()) {
-        (Method::Auto, Some(max_error), Some((view, _))) => {
-            let outcome = Model::measure(&scene, &settings)?.meet(view, max_error)?;
-            tried = outcome.tried;
-            first = Some(outcome.rendering);
-            outcome.chosen
-        }
-        _ => render::prepare(&scene, args.method, &settings)?,
+    let own = Uses::of(&states);
+    let uses = Uses {
+        frames: args.frames.unwrap_or(own.frames),
+        light_changes: args.light_changes.unwrap_or(own.light_changes),
     };
-    // What it took beside the picture that was chosen.
-    let own = first.as_ref().map(|picture| picture.cost.prepare_seconds + picture.cost.render_seconds);
-    let choose_seconds = own.map(|own| choosing.elapsed().as_secs_f64() - own);
-    let mut outcome = None;
-    let (mut cost, mut write_seconds) = (Cost::default(), 0.0);
-    for (camera, paths) in &views {
-        let rendering = match first.take() {
-            Some(rendering) => rendering,
-            None => chosen.prepared.view(camera)?,
-        };
-        cost = cost.and(&rendering.cost);
+    let job = Job {
+        method: args.method.0,
+        settings,
+        // Of a method that is named it is the path tracer's own, which stops by it.
+        max_error: args.max_error.filter(|_| args.method.0.is_none()),
+        uses: Some(uses),
+        baked: args.baked.as_deref(),
+    };
+    let mut write_seconds = 0.0;
+    let drawn = job.run(&scene, &states, |index, rendering| {
         let writing = Instant::now();
-        for path in paths {
+        for path in &paths[index] {
             rendering.picture.write(path, scene.exposure)?;
         }
         if let Some(path) = &args.variance {
-            let seconds = args.seconds.filter(|_| chosen.method == Method::Reference);
-            write_variance(&rendering, path, seconds)?;
+            // Only the reference takes a budget of time.
+            write_variance(rendering, path, args.seconds.filter(|_| rendering.adapter.is_none()))?;
         }
         write_seconds += writing.elapsed().as_secs_f64();
-        outcome = Some(rendering);
-    }
-    let rendering = Rendering { cost, ..outcome.ok_or_else(|| Error::input("the animation has no frames"))? };
-    let errors = against.map(|truth| compare(&rendering.picture, &truth)).transpose()?;
+        Ok(())
+    })?;
+    let cost = drawn.last.cost;
+    let errors = against.map(|truth| compare(&drawn.last.picture, &truth)).transpose()?;
     let mut stages = vec![("load", loaded)];
-    stages.extend(choose_seconds.map(|seconds| ("choose", seconds)));
-    stages.extend([
-        ("prepare", cost.prepare_seconds),
-        ("render", cost.render_seconds),
-        ("write", write_seconds),
-    ]);
-    let written = views.into_iter().flat_map(|(_, paths)| paths).collect();
-    Ok(RenderOutcome { stages, method: chosen.method, note: chosen.note, tried, rendering, errors, written })
+    stages.extend(drawn.choose_seconds.map(|seconds| ("choose", seconds)));
+    // What was baked before is no stage of this run.
+    let baked_now = cost.bake_seconds > 0.0 && args.baked.is_none();
+    stages.extend(baked_now.then_some(("bake", cost.bake_seconds)));
+    stages.push(("prepare", cost.prepare_seconds));
+    stages.extend((cost.light_seconds > 0.0).then_some(("light", cost.light_seconds)));
+    stages.extend([("render", cost.view_seconds + cost.render_seconds), ("write", write_seconds)]);
+    let written = paths.into_iter().flatten().collect();
+    let render::Drawn { method, note, tried, last, .. } = drawn;
+    Ok(RenderOutcome { stages, method, note, tried, rendering: last, errors, written })
 }
 
-/// The views to render, each with its pictures: the camera's, or those of the animation when names have a `#`.
+/// The states to render, each with its pictures: the scene's own, or those of the animation when names have a `#`.
 ///
 /// # Errors
 /// Input errors for names with `#` beside others, or without an animation.
-fn views(scene: &Scene, args: &RenderArgs) -> Result<Vec<(Camera, Vec<PathBuf>)>> {
+fn frames(scene: &Scene, args: &RenderArgs) -> Result<Vec<(State, Vec<PathBuf>)>> {
     // Of the name alone: folders may be called as they like.
     let numbered = |path: &PathBuf| path.file_name().is_some_and(|name| name.to_string_lossy().contains('#'));
     let count = args.output.iter().filter(|path| numbered(path)).count();
     if count == 0 {
-        return Ok(vec![(scene.camera, args.output.clone())]);
+        return Ok(vec![(scene.state(), args.output.clone())]);
     }
-    let Some(animation) = &scene.animation else {
+    if scene.animation.is_none() {
         return Err(Error::input("a picture's name has a #, but the scene has no animation"));
-    };
+    }
     if count < args.output.len() || args.variance.is_some() || args.against.is_some() {
         return Err(Error::input(
             "an animation goes with names that all have a #, and with neither --variance nor --against",
         ));
     }
-    let name = |path: &PathBuf, frame: u32| {
+    let name = |path: &PathBuf, frame: usize| {
         let text = path.file_name().unwrap_or_default().to_string_lossy();
         let (begin, rest) = text.split_once('#').unwrap_or((&text, ""));
         let end = rest.trim_start_matches('#');
         let digits = 1 + rest.len() - end.len();
         path.with_file_name(format!("{begin}{frame:0digits$}{end}"))
     };
-    let frame = |frame| {
-        let paths = args.output.iter().map(|path| name(path, frame)).collect();
-        (animation.view(frame), paths)
-    };
-    Ok((0..animation.frames).map(frame).collect())
+    let named = |(frame, state)| (state, args.output.iter().map(|path| name(path, frame)).collect());
+    Ok(scene.frames().into_iter().enumerate().map(named).collect())
 }
 
 /// Writes the variance of every pixel's mean; `seconds` is what the reference was given.
@@ -415,7 +438,7 @@ fn write_variance(rendering: &Rendering, path: &Path, seconds: Option<f64>) -> R
 mod tests {
     use super::*;
 
-    fn args(folder: &std::path::Path, method: Method, outputs: &[&str]) -> RenderArgs {
+    fn args(folder: &std::path::Path, method: &str, outputs: &[&str]) -> RenderArgs {
         let scene = folder.join("scene.toml");
         let text = "[camera]\nposition = [0, 1, 4]\ntarget = [0, 0, 0]\nfov_deg = 40\nwidth = 64\nheight = 48\n\
             [[object]]\nmesh = \"sphere\"\nmaterial.published = \"clay\"\n\
@@ -424,7 +447,10 @@ mod tests {
         RenderArgs {
             scene,
             output: outputs.iter().map(|name| folder.join(name)).collect(),
-            method,
+            method: MethodArg(Method::find(method)),
+            baked: None,
+            frames: None,
+            light_changes: None,
             samples: Some(4),
             seconds: None,
             max_error: None,
@@ -441,10 +467,10 @@ mod tests {
     #[test]
     fn both_kinds_of_picture_are_written_with_the_size_asked_for() {
         let folder = tempfile::tempdir().unwrap();
-        let outcome = render_scene(&args(folder.path(), Method::Reference, &["a.exr", "a.png"]), 1).unwrap();
+        let outcome = render_scene(&args(folder.path(), "reference", &["a.exr", "a.png"]), 1).unwrap();
         let rendering = &outcome.rendering;
         assert_eq!((rendering.picture.width, rendering.picture.height), (32, 24));
-        assert_eq!((outcome.method, rendering.cost.samples), (Method::Reference, 4));
+        assert_eq!((outcome.method.name, rendering.cost.samples), ("reference", 4));
         assert!(rendering.cost.rays > 32 * 24 * 4 && rendering.cost.memory_bytes > 32 * 24 * 16);
         assert_eq!(image::image_dimensions(folder.path().join("a.png")).unwrap(), (32, 24));
         assert!(folder.path().join("a.exr").exists());
@@ -453,28 +479,29 @@ mod tests {
     #[test]
     fn auto_makes_a_picture_with_a_gpu_or_without() {
         let folder = tempfile::tempdir().unwrap();
-        let outcome = render_scene(&args(folder.path(), Method::Auto, &["a.png"]), 1).unwrap();
-        assert_eq!(outcome.rendering.adapter.is_some(), outcome.method == Method::Lights);
-        assert_eq!(outcome.note.is_some(), outcome.method == Method::Reference);
+        let outcome = render_scene(&args(folder.path(), "auto", &["a.png"]), 1).unwrap();
+        assert_eq!(outcome.rendering.adapter.is_some(), outcome.method.name == "lights");
+        assert_eq!(outcome.note.is_some(), outcome.method.name == "reference");
     }
 
     #[test]
     fn auto_with_an_error_tells_what_it_predicted_and_what_came_out() {
         let folder = tempfile::tempdir().unwrap();
-        let mut args = args(folder.path(), Method::Auto, &["a.png"]);
+        let mut args = args(folder.path(), "auto", &["a.png"]);
         (args.samples, args.max_error) = (None, Some(0.1));
         let outcome = render_scene(&args, 1).unwrap();
         let taken = taken(&outcome.tried).unwrap();
         assert!(taken.method == outcome.method && taken.actual.unwrap()[1] <= 0.1, "{:?}", outcome.tried);
         let table = outcomes(&outcome.tried).to_string();
-        assert!(table.contains("predicted relative RMSE") && table.matches("chosen").count() == 1, "{table}");
+        assert!(table.contains("bake, s") && table.contains("predicted relative RMSE"), "{table}");
+        assert!(table.matches("chosen").count() == 1, "{table}");
         assert!(outcome.stages.iter().any(|stage| stage.0 == "choose"));
     }
 
     #[test]
     fn a_picture_compared_with_itself_has_no_error_and_variance_is_written() {
         let folder = tempfile::tempdir().unwrap();
-        let mut args = args(folder.path(), Method::Reference, &["a.exr"]);
+        let mut args = args(folder.path(), "reference", &["a.exr"]);
         args.variance = Some(folder.path().join("v.exr"));
         render_scene(&args, 1).unwrap();
         args.against = Some(folder.path().join("a.exr"));
@@ -489,7 +516,7 @@ mod tests {
     #[test]
     fn a_variance_that_the_time_was_too_short_for_is_refused_with_the_reason() {
         let folder = tempfile::tempdir().unwrap();
-        let mut args = args(folder.path(), Method::Reference, &["a.exr"]);
+        let mut args = args(folder.path(), "reference", &["a.exr"]);
         args.variance = Some(folder.path().join("v.exr"));
         args.seconds = Some(1e-9);
         let error = render_scene(&args, 1).unwrap_err();
@@ -499,7 +526,7 @@ mod tests {
     #[test]
     fn an_animation_writes_a_numbered_picture_a_frame() {
         let folder = tempfile::tempdir().unwrap();
-        let mut args = args(folder.path(), Method::Reference, &["f-##.png"]);
+        let mut args = args(folder.path(), "reference", &["f-##.png"]);
         args.samples = Some(1);
         assert!(render_scene(&args, 1).unwrap_err().to_string().contains("no animation"));
         args.scene = "studio-ball".into();
@@ -512,7 +539,7 @@ mod tests {
     #[test]
     fn a_folder_may_have_a_number_sign_in_its_name() {
         let folder = tempfile::tempdir().unwrap();
-        let mut args = args(folder.path(), Method::Reference, &["take #2/a.png"]);
+        let mut args = args(folder.path(), "reference", &["take #2/a.png"]);
         args.samples = Some(1);
         assert_eq!(render_scene(&args, 1).unwrap().written, [folder.path().join("take #2/a.png")]);
         args.scene = "studio-ball".into();
@@ -524,7 +551,7 @@ mod tests {
     #[test]
     fn budgets_that_are_no_numbers_and_pictures_larger_than_memory_are_refused_before_the_work() {
         let folder = tempfile::tempdir().unwrap();
-        let args = || args(folder.path(), Method::Auto, &["a.png"]);
+        let args = || args(folder.path(), "auto", &["a.png"]);
         for (max_error, seconds, part) in [
             (Some(f64::NAN), None, "--max-error is NaN"),
             (Some(-0.1), None, "--max-error is -0.1"),
@@ -541,10 +568,10 @@ mod tests {
     #[test]
     fn options_of_lights_go_with_no_other_method() {
         let folder = tempfile::tempdir().unwrap();
-        let mut args = args(folder.path(), Method::Auto, &["a.png"]);
+        let mut args = args(folder.path(), "auto", &["a.png"]);
         args.lights.storage = Some(Storage::Bits8);
         assert_eq!(render_scene(&args, 1).unwrap_err().exit_code(), 2);
-        args.method = Method::Lights;
+        args.method = MethodArg(Method::find("lights"));
         let lights = args.lights().unwrap();
         assert_eq!(
             (lights.storage, lights.filtering, lights.shadows),
@@ -556,7 +583,7 @@ mod tests {
     #[test]
     fn what_the_reference_alone_looks_at_is_refused_with_a_method_that_does_not() {
         let folder = tempfile::tempdir().unwrap();
-        for method in [Method::Lights, Method::Environment] {
+        for method in ["lights", "environment"] {
             let args = || RenderArgs { bounces: None, ..args(folder.path(), method, &["a.png"]) };
             for (option, args) in [
                 ("--seconds", RenderArgs { seconds: Some(1.0), ..args() }),
@@ -574,7 +601,7 @@ mod tests {
     #[test]
     fn a_name_of_no_known_kind_is_refused_before_any_work() {
         let folder = tempfile::tempdir().unwrap();
-        let mut args = args(folder.path(), Method::Auto, &["a.bmp"]);
+        let mut args = args(folder.path(), "auto", &["a.bmp"]);
         args.scene = "missing.toml".into();
         let error = render_scene(&args, 1).unwrap_err();
         assert!(error.exit_code() == 2 && error.to_string().contains("a.bmp"), "{error}");

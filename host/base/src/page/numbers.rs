@@ -66,11 +66,12 @@ pub fn seconds(value: f64) -> String {
     format!("{value:.decimals$}\u{202f}s")
 }
 
-/// Memory in MiB or GiB; a dash when it is not known.
+/// Bytes in KiB, MiB or GiB; a dash when they are not known.
 pub fn bytes(value: u64) -> String {
     let mib = value as f64 / (1 << 20) as f64;
     match value {
         0 => "–".into(),
+        _ if mib < 1.0 => format!("{:.0}\u{202f}KiB", (1024.0 * mib).ceil()),
         _ if mib < 1000.0 => format!("{mib:.0}\u{202f}MiB"),
         _ => format!("{:.2}\u{202f}GiB", mib / 1024.0),
     }

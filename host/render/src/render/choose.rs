@@ -1,20 +1,29 @@
 //! The cheapest renderer that meets an error bound, by a model that is measured on the scene itself.
 //!
-//! A small view of the scene is rendered with every setting and judged by three pictures of the reference with seeds of their
-//! own, whose noise cancels (`compare::relative_rmse_by`). A raster keeps its error in
-//! a larger picture and takes a time of its own, for triangles and texels, and time by the pixel, told apart by a second view; the path tracer's error falls with the root of its samples. What is
-//! predicted to meet the bound is tried, cheapest first, on the view itself and judged in the same way until it meets or misses the bound
-//! beyond doubt; what is left at the end is the reference with as many samples as its own variance asks for. Errors are relative RMSE ([`compare::Errors`]).
+//! A small view of the scene is rendered with every setting and judged by three pictures of the reference
+//! with seeds of their own, whose noise cancels (`compare::relative_rmse_by`). A raster keeps its error in a
+//! larger picture and takes a time of its own, for triangles and texels, and time by the pixel, told apart by
+//! a second view; the path tracer's error falls with the root of its samples. What is predicted to meet the
+//! bound is tried, cheapest first, on the view itself and judged in the same way until it meets or misses the
+//! bound beyond doubt; what is left at the end is the reference with as many samples as its own variance asks
+//! for. Errors are relative RMSE ([`compare::Errors`]).
 
+#[cfg(test)]
+mod tests;
 mod verdict;
 
+use std::cell::RefCell;
+use std::path::Path;
 use std::rc::Rc;
 
+use super::bake::Baked;
 use super::{
-    Chosen, Method, Picture, Prepared, Renderer, Rendering, Settings, compare, environment, reference,
+    Chosen, METHODS, Method, Picture, Player, REFERENCE, Renderer, Rendering, Settings, Uses, Variant,
+    compare, reference,
 };
-use crate::scene::{Camera, Scene};
+use crate::scene::{Camera, Scene, State};
 use lobelia_base::error::{Error, Result};
+use lobelia_base::page::numbers;
 use lobelia_base::progress;
 use verdict::Judges;
 
@@ -24,58 +33,67 @@ const SMALL_WIDTH: u32 = 64;
 const LARGER: u32 = 2;
 /// Samples a pixel of the pictures that judge the small view.
 const SMALL_SAMPLES: u32 = 64;
-/// Samples a pixel at least: with fewer, caustics are missed by the view that foretells them and by the one that verifies.
+/// Samples a pixel at least: with fewer, caustics are missed by the view that foretells them and by the one
+/// that verifies.
 const LEAST_SAMPLES: u32 = 16;
 /// Passes that the path tracer's variance is told from; samples a pixel are a multiple of it.
 const PASSES: u32 = 4;
 /// Samples in excess of those that the model asks for, so that most pictures meet the bound at once.
 const RESERVE: f64 = 1.5;
 
-/// A renderer without noise, with one of its settings.
-pub struct Setting {
-    /// Never [`Method::Auto`] or [`Method::Reference`].
-    pub method: Method,
-    /// The setting.
-    pub name: &'static str,
-    /// The renderer.
-    pub renderer: Box<dyn Renderer>,
+/// What the choice is for.
+#[derive(Debug, Clone, Copy)]
+pub struct Work<'a> {
+    /// How often what is prepared will be used.
+    pub uses: Uses,
+    /// The frames, or some of them: methods that cannot vary what they vary are left out, and a change of
+    /// light is measured by theirs.
+    pub frames: &'a [State],
+    /// The least error that will be asked for: a method whose baking alone would outlast the path tracer is
+    /// then not tried.
+    pub max_error: Option<f64>,
+    /// What was baked before.
+    pub baked: Option<&'a Path>,
 }
 
-/// The settings of the renderers without noise that a scene can be given to.
-pub fn settings(scene: &Scene, base: &Settings) -> Vec<Setting> {
-    let mut all: Vec<Setting> = Vec::new();
-    if scene.environment.is_some() {
-        let base = base.environment;
-        let variants = [
-            ("slices", base),
-            ("slices, on the GPU", environment::Settings { gpu: true, ..base }),
-            ("slices, no horizon correction", environment::Settings { horizon: false, ..base }),
-            ("MIP levels", environment::Settings { encoding: environment::Encoding::Mips, ..base }),
-            ("slices, spherical harmonics", environment::Settings { harmonics: true, ..base }),
-        ];
-        all.extend(variants.map(|(name, variant)| Setting {
-            method: Method::Environment,
-            name,
-            renderer: Box::new(variant),
-        }));
+impl Work<'_> {
+    /// One view of a scene.
+    pub const ONCE: Self = Self { uses: Uses::ONCE, frames: &[], max_error: None, baked: None };
+}
+
+/// What is foreseen of a setting, s.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Foreseen {
+    /// Baking; 0 for what was baked before.
+    pub bake: f64,
+    /// Making ready.
+    pub prepare: f64,
+    /// A change of the light.
+    pub light: f64,
+    /// A frame.
+    pub frame: f64,
+}
+
+impl Foreseen {
+    /// All of it, used so often.
+    pub fn whole(&self, uses: Uses) -> f64 {
+        let (frames, changes) = (f64::from(uses.frames), f64::from(uses.light_changes));
+        self.bake + self.prepare + changes * self.light + frames * self.frame
     }
-    all.push(Setting {
-        method: Method::Lights,
-        name: base.lights.filtering.name(),
-        renderer: Box::new(base.lights),
-    });
-    all
 }
 
 /// What was measured of one setting.
-struct Candidate<'a> {
-    method: Method,
+struct Candidate {
+    method: &'static Method,
     name: String,
     /// For a renderer without noise.
-    prepared: Option<Rc<dyn Prepared + 'a>>,
+    player: Option<Shared>,
     /// For the path tracer.
     paths: reference::Settings,
+    bake_seconds: f64,
     prepare_seconds: f64,
+    /// Seconds a change of the light.
+    light_seconds: f64,
     /// Seconds a view whatever its size.
     view_seconds: f64,
     /// Seconds a pixel, and sample of the path tracer.
@@ -86,41 +104,48 @@ struct Candidate<'a> {
     noise: f64,
 }
 
-impl Prepared for Rc<dyn Prepared + '_> {
-    fn view(&self, view: &Camera) -> Result<Rendering> {
-        self.as_ref().view(view)
+/// A player that is used again.
+#[derive(Clone)]
+pub struct Shared(Rc<RefCell<Box<dyn Player>>>);
+
+impl Player for Shared {
+    fn frame(&mut self, state: &State) -> Result<Rendering> {
+        self.0.borrow_mut().frame(state)
     }
 }
 
 /// Times and errors of every setting on a scene.
 pub struct Model<'a> {
     scene: &'a Scene,
+    uses: Uses,
     base: reference::Settings,
-    candidates: Vec<Candidate<'a>>,
+    candidates: Vec<Candidate>,
     /// What failed or cannot draw the scene, and why.
-    refused: Vec<(Method, &'static str, Error)>,
+    refused: Vec<(&'static Method, String, Error)>,
 }
 
 /// A setting, what was predicted of it, and what came out if it was tried.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Tried {
     /// The method.
-    pub method: Method,
+    pub method: &'static Method,
     /// Its setting.
     pub name: String,
-    /// Predicted seconds and error.
+    /// What the prediction is made of.
+    pub foreseen: Foreseen,
+    /// Predicted seconds of the whole, and error.
     pub predicted: [f64; 2],
-    /// Measured seconds and error.
+    /// Seconds of the whole by the first frame as it was drawn, and that frame's error.
     pub actual: Option<[f64; 2]>,
 }
 
 /// What met the bound.
-pub struct Met<'a> {
-    /// Ready for further views.
-    pub chosen: Chosen<'a>,
-    /// The view.
+pub struct Met {
+    /// Ready for further frames.
+    pub chosen: Chosen,
+    /// The first frame.
     pub rendering: Rendering,
-    /// All settings by predicted time; which was chosen says [`taken`].
+    /// All settings by predicted time of the whole; which was chosen says [`taken`].
     pub tried: Vec<Tried>,
 }
 
@@ -133,20 +158,40 @@ impl<'a> Model<'a> {
     /// Measures every setting on a small view. The reference's settings have its bounces, seed and limits.
     ///
     /// # Errors
-    /// Those of the scene and of the path tracer. Another method that fails or cannot draw the scene is left out.
-    pub fn measure(scene: &'a Scene, given: &Settings) -> Result<Self> {
-        let base = reference::Settings { max_error: None, ..given.reference };
-        let mut model = Self { scene, base, candidates: Vec::new(), refused: Vec::new() };
-        let view = small(&scene.camera);
-        let pixels = f64::from(view.width * view.height);
-        let settings = settings(scene, given);
-        let bar = progress::bar("measuring", settings.len() as u64 + 3, "settings");
+    /// Those of the scene and of the path tracer. Another method that fails or cannot draw the scene is left
+    /// out.
+    pub fn measure(scene: &'a Scene, given: &Settings, work: &Work<'_>) -> Result<Self> {
+        let of = |method: &'static Method| (method.variants)(scene, given).into_iter();
+        let weighed = METHODS.iter().flat_map(|method| of(method).map(move |variant| (method, variant)));
+        Self::measure_of(scene, given, work, weighed.filter(|(_, variant)| variant.weighed).collect())
+    }
 
-        let whole = judge(&base, 0, SMALL_SAMPLES).render(scene, &view)?;
+    /// Measures the path tracer and some settings of methods without noise.
+    fn measure_of(
+        scene: &'a Scene,
+        given: &Settings,
+        work: &Work<'_>,
+        variants: Vec<(&'static Method, Variant)>,
+    ) -> Result<Self> {
+        let base = reference::Settings { max_error: None, ..given.reference };
+        let (candidates, refused) = (Vec::new(), Vec::new());
+        let mut model = Self { scene, uses: work.uses, base, candidates, refused };
+        let mut view = work.frames.first().cloned().unwrap_or_else(|| scene.state());
+        view.camera = small(&view.camera);
+        let changed = (work.uses.light_changes > 0).then(|| changed(scene, work.frames, &view));
+        let pixels = f64::from(view.camera.width * view.camera.height);
+        let bar = progress::bar("measuring", variants.len() as u64 + 3, "settings");
+
+        let mut player = judge(&base, 0, SMALL_SAMPLES).prepare(scene)?;
+        let whole = player.frame(&view)?;
+        let light_seconds = match &changed {
+            Some(changed) => player.frame(changed)?.cost.light_seconds,
+            None => 0.0,
+        };
         let judges = model.judges(&view, SMALL_SAMPLES)?;
         bar.advance(2);
         let one_bounce = reference::Settings { bounces: 1, ..judge(&base, 4, SMALL_SAMPLES) };
-        let without = one_bounce.render(scene, &view)?;
+        let without = one_bounce.prepare(scene)?.frame(&view)?;
         bar.advance(1);
         let samples = f64::from(SMALL_SAMPLES);
         for (name, paths, rendering, biased) in [
@@ -156,36 +201,40 @@ impl<'a> Model<'a> {
             let noise = rendering.estimated_error().unwrap_or_default();
             let error = if biased { compare::relative_rmse_by(&judges, &rendering.picture) } else { 0.0 };
             model.candidates.push(Candidate {
-                method: Method::Reference,
+                method: REFERENCE,
                 name: name.into(),
-                prepared: None,
+                player: None,
                 paths,
+                bake_seconds: 0.0,
                 prepare_seconds: rendering.cost.prepare_seconds,
+                light_seconds,
                 view_seconds: 0.0,
                 seconds: rendering.cost.render_seconds / (pixels * samples),
                 bias: (error * error - noise * noise).max(0.0).sqrt(),
                 noise: noise * samples.sqrt(),
             });
         }
-        for Setting { method, name, renderer } in settings {
-            let rendered = renderer.prepare(scene).and_then(|prepared| {
-                // The first view also pays for what is made once, such as a driver's compiled shaders.
-                prepared.view(&view)?;
-                let rendering = prepared.view(&view)?;
-                let larger = Camera { width: LARGER * view.width, height: LARGER * view.height, ..view };
-                let more = prepared.view(&larger)?.cost.render_seconds - rendering.cost.render_seconds;
-                let seconds = more.max(0.0) / (pixels * f64::from(LARGER * LARGER - 1));
-                Ok((prepared, rendering, seconds))
-            });
+        // What the path tracer takes for all frames: no baking that takes longer pays.
+        let camera = work.frames.first().map_or(scene.camera, |frame| frame.camera);
+        let worth = work.max_error.map(|max_error| {
+            let (_, tried) = model.candidates[0].predict(&camera, max_error, base.samples, work.uses);
+            tried.predicted[0]
+        });
+        for (method, Variant { name, renderer, .. }) in variants {
+            let measured = measured(method, renderer.as_ref(), scene, work, worth, (&view, changed.as_ref()));
             bar.advance(1);
-            match rendered {
-                Ok((prepared, rendering, seconds)) => model.candidates.push(Candidate {
+            match measured {
+                Ok((player, rendering, light_seconds, seconds)) => model.candidates.push(Candidate {
                     method,
-                    name: name.into(),
-                    prepared: Some(prepared.into()),
+                    name,
+                    player: Some(Shared(Rc::new(RefCell::new(player)))),
                     paths: base,
+                    bake_seconds: rendering.cost.bake_seconds,
                     prepare_seconds: rendering.cost.prepare_seconds,
-                    view_seconds: (rendering.cost.render_seconds - seconds * pixels).max(0.0),
+                    light_seconds,
+                    view_seconds: (rendering.cost.view_seconds + rendering.cost.render_seconds
+                        - seconds * pixels)
+                        .max(0.0),
                     seconds,
                     bias: compare::relative_rmse_by(&judges, &rendering.picture),
                     noise: 0.0,
@@ -196,45 +245,38 @@ impl<'a> Model<'a> {
         Ok(model)
     }
 
-    /// The renderers without noise that are ready for views, with their settings.
-    pub fn ready(&self) -> impl Iterator<Item = (Method, &str, Rc<dyn Prepared + 'a>)> {
-        let ready = |of: &'_ Candidate<'a>| of.prepared.clone();
-        self.candidates.iter().filter_map(move |of| Some((of.method, of.name.as_str(), ready(of)?)))
+    /// The renderers without noise that are ready for frames, with their settings.
+    pub fn ready(&self) -> impl Iterator<Item = (&'static Method, &str, Shared)> {
+        self.candidates.iter().filter_map(|of| Some((of.method, of.name.as_str(), of.player.clone()?)))
     }
 
     /// The settings that failed or cannot draw the scene, and why.
-    pub fn refused(&self) -> impl Iterator<Item = (Method, &str, &Error)> {
-        self.refused.iter().map(|(method, name, error)| (*method, *name, error))
+    pub fn refused(&self) -> impl Iterator<Item = (&'static Method, &str, &Error)> {
+        self.refused.iter().map(|(method, name, error)| (*method, name.as_str(), error))
     }
 
-    /// Renders the view with the cheapest setting that meets an error.
+    /// Renders a frame with the setting that is the cheapest by the whole and meets an error.
     ///
     /// # Errors
     /// An input error for an error that is not above 0, and those of the renderers.
-    pub fn meet(&self, view: &Camera, max_error: f64) -> Result<Met<'a>> {
+    pub fn meet(&self, frame: &State, max_error: f64) -> Result<Met> {
         if max_error.is_nan() || max_error <= 0.0 {
             return Err(Error::input(format!("max-error is {max_error}, must be above 0")));
         }
-        let mut order: Vec<(usize, u32, Tried)> = (0..self.candidates.len())
-            .map(|index| {
-                let (samples, tried) = self.candidates[index].predict(view, max_error, self.base.samples);
-                (index, samples, tried)
-            })
-            .collect();
-        order.sort_by(|a, b| a.2.predicted[0].total_cmp(&b.2.predicted[0]));
+        let mut order = order(&self.candidates, &frame.camera, max_error, self.base.samples, self.uses);
         let mut judges = None;
         let mut met = None;
         for (index, samples, tried) in &mut order {
             if tried.predicted[1] > max_error {
                 continue;
             }
-            let Candidate { method, prepared, paths, .. } = &self.candidates[*index];
+            let Candidate { method, player, paths, .. } = &self.candidates[*index];
             let paths = reference::Settings { samples: *samples, ..*paths };
-            let prepared: Box<dyn Prepared + 'a> = match prepared {
-                Some(prepared) => Box::new(prepared.clone()),
+            let mut player: Box<dyn Player> = match player {
+                Some(player) => Box::new(player.clone()),
                 None => paths.prepare(self.scene)?,
             };
-            let rendering = prepared.view(view)?;
+            let rendering = player.frame(frame)?;
             // The whole path tracer knows its own error.
             let own = rendering.estimated_error().filter(|_| paths.bounces == self.base.bounces);
             let (error, meets) = match own {
@@ -242,15 +284,20 @@ impl<'a> Model<'a> {
                 None => {
                     let judges = match &mut judges {
                         Some(judges) => judges,
-                        None => judges.insert(Judges::new(self.scene, self.base, *view)?),
+                        None => judges.insert(Judges::new(self.scene, self.base, frame.clone())?),
                     };
                     judges.judge(&rendering.picture, max_error)?
                 }
             };
-            let seconds = rendering.cost.prepare_seconds + rendering.cost.render_seconds;
-            tried.actual = Some([seconds, error]);
+            let drawn = Foreseen {
+                bake: tried.foreseen.bake,
+                prepare: rendering.cost.prepare_seconds,
+                light: tried.foreseen.light,
+                frame: rendering.cost.view_seconds + rendering.cost.render_seconds,
+            };
+            tried.actual = Some([drawn.whole(self.uses), error]);
             if meets {
-                met = Some((Chosen { prepared, method: *method, note: None }, rendering));
+                met = Some((Chosen { player, method, note: None }, rendering));
                 break;
             }
         }
@@ -259,16 +306,27 @@ impl<'a> Model<'a> {
             Some(met) => met,
             None => {
                 let paths = reference::Settings { max_error: Some(max_error), ..self.base };
-                let prepared = paths.prepare(self.scene)?;
-                let rendering = prepared.view(view)?;
-                let seconds = rendering.cost.prepare_seconds + rendering.cost.render_seconds;
+                let mut player = paths.prepare(self.scene)?;
+                let rendering = player.frame(frame)?;
+                let drawn = Foreseen {
+                    prepare: rendering.cost.prepare_seconds,
+                    light: self.candidates[0].light_seconds,
+                    frame: rendering.cost.render_seconds,
+                    ..Foreseen::default()
+                };
                 tried.push(Tried {
-                    method: Method::Reference,
+                    method: REFERENCE,
                     name: "until its variance meets the error".into(),
+                    foreseen: Foreseen {
+                        bake: f64::NAN,
+                        prepare: f64::NAN,
+                        light: f64::NAN,
+                        frame: f64::NAN,
+                    },
                     predicted: [f64::NAN; 2],
-                    actual: Some([seconds, rendering.estimated_error().unwrap_or(f64::NAN)]),
+                    actual: Some([drawn.whole(self.uses), rendering.estimated_error().unwrap_or(f64::NAN)]),
                 });
-                (Chosen { prepared, method: Method::Reference, note: None }, rendering)
+                (Chosen { player, method: REFERENCE, note: None }, rendering)
             }
         };
         chosen.note = self.refused.last().map(|(.., error)| error.to_string());
@@ -276,24 +334,108 @@ impl<'a> Model<'a> {
     }
 
     /// The three pictures that judge a view; the last has twice the samples.
-    fn judges(&self, view: &Camera, samples: u32) -> Result<[Picture; 3]> {
-        let picture = |k, samples| Ok(judge(&self.base, k, samples).render(self.scene, view)?.picture);
+    fn judges(&self, view: &State, samples: u32) -> Result<[Picture; 3]> {
+        let picture =
+            |k, samples| Ok(judge(&self.base, k, samples).prepare(self.scene)?.frame(view)?.picture);
         Ok([picture(1, samples)?, picture(2, samples)?, picture(3, 2 * samples)?])
     }
 }
 
-impl Candidate<'_> {
+/// A player of one setting, its frame of the small view, seconds of a change of light, and seconds a pixel.
+fn measured(
+    method: &Method,
+    renderer: &dyn Renderer,
+    scene: &Scene,
+    work: &Work<'_>,
+    worth: Option<f64>,
+    (view, changed): (&State, Option<&State>),
+) -> Result<(Box<dyn Player>, Rendering, f64, f64)> {
+    method.check(scene)?;
+    method.varies.check(method.name, scene, work.frames)?;
+    let baked = work.baked.and_then(|folder| Baked::open(folder, renderer, scene).ok());
+    if let (None, Some(worth), Some(seconds)) = (&baked, worth, renderer.expected_bake_seconds(scene))
+        && seconds > worth
+    {
+        return Err(Error::input(format!(
+            "baking is expected to take {}, all frames by the path tracer {}",
+            numbers::seconds(seconds),
+            numbers::seconds(worth)
+        )));
+    }
+    let mut player = match &baked {
+        Some(baked) => renderer.open(scene, baked)?,
+        None => renderer.prepare(scene)?,
+    };
+    // The first picture is slower: drivers compile with it.
+    player.frame(view)?;
+    let mut rendering = player.frame(view)?;
+    if baked.is_some() {
+        rendering.cost.bake_seconds = 0.0;
+    }
+    let mut larger = view.clone();
+    larger.camera.width *= LARGER;
+    larger.camera.height *= LARGER;
+    let of = |rendering: &Rendering| rendering.cost.view_seconds + rendering.cost.render_seconds;
+    let pixels = f64::from(view.camera.width * view.camera.height);
+    let more = f64::from(larger.camera.width * larger.camera.height) - pixels;
+    let seconds = (of(&player.frame(&larger)?) - of(&rendering)).max(0.0) / more;
+    let light_seconds = match changed {
+        Some(changed) => player.frame(changed)?.cost.light_seconds,
+        None => 0.0,
+    };
+    Ok((player, rendering, light_seconds, seconds))
+}
+
+/// A view under another light: that of the first frame that has one, else the environment turned or a light
+/// dimmed.
+fn changed(scene: &Scene, frames: &[State], view: &State) -> State {
+    if let Some(other) = frames.iter().find(|frame| !frame.has_light_of(view)) {
+        return State { camera: view.camera, ..other.clone() };
+    }
+    let mut other = view.clone();
+    match (scene.environment.is_some(), other.lights.first_mut()) {
+        (true, _) => other.turn += 0.1,
+        (false, Some(light)) => light.dim *= 0.9,
+        (false, None) => {}
+    }
+    other
+}
+
+/// The candidates by the predicted time of the whole: index, samples a pixel of the path tracer, and what is
+/// predicted.
+fn order(
+    candidates: &[Candidate],
+    view: &Camera,
+    max_error: f64,
+    limit: u32,
+    uses: Uses,
+) -> Vec<(usize, u32, Tried)> {
+    let predicted = |(index, candidate): (usize, &Candidate)| {
+        let (samples, tried) = candidate.predict(view, max_error, limit, uses);
+        (index, samples, tried)
+    };
+    let mut order: Vec<_> = candidates.iter().enumerate().map(predicted).collect();
+    order.sort_by(|a, b| a.2.predicted[0].total_cmp(&b.2.predicted[0]));
+    order
+}
+
+impl Candidate {
     /// Samples a pixel that meet an error, at most `limit`, and what is predicted with them.
-    fn predict(&self, view: &Camera, max_error: f64, limit: u32) -> (u32, Tried) {
+    fn predict(&self, view: &Camera, max_error: f64, limit: u32, uses: Uses) -> (u32, Tried) {
         let pixels = f64::from(view.width) * f64::from(view.height);
-        let mut tried = Tried {
-            method: self.method,
-            name: self.name.clone(),
-            predicted: [self.prepare_seconds + self.view_seconds + self.seconds * pixels, self.bias],
-            actual: None,
+        let foreseen = |samples: f64| Foreseen {
+            bake: self.bake_seconds,
+            prepare: self.prepare_seconds,
+            light: self.light_seconds,
+            frame: self.view_seconds + self.seconds * pixels * samples,
         };
-        if self.prepared.is_some() {
-            return (0, tried);
+        let tried = |name: String, samples: f64, error: f64| {
+            let foreseen = foreseen(samples);
+            let predicted = [foreseen.whole(uses), error];
+            Tried { method: self.method, name, foreseen, predicted, actual: None }
+        };
+        if self.player.is_some() {
+            return (0, tried(self.name.clone(), 1.0, self.bias));
         }
         // Below a bias that is too large no number of samples helps: as many as for twice the bias are shown.
         let room =
@@ -301,12 +443,8 @@ impl Candidate<'_> {
         let needed = (RESERVE * self.noise * self.noise / room).ceil().max(f64::from(LEAST_SAMPLES));
         let samples = (needed.min(f64::from(limit)) as u32).next_multiple_of(PASSES);
         let count = f64::from(samples);
-        tried.name += &format!("{samples} samples");
-        tried.predicted = [
-            self.prepare_seconds + self.seconds * pixels * count,
-            (self.bias.powi(2) + self.noise * self.noise / count).sqrt(),
-        ];
-        (samples, tried)
+        let error = (self.bias.powi(2) + self.noise * self.noise / count).sqrt();
+        (samples, tried(format!("{}{samples} samples", self.name), count, error))
     }
 }
 
@@ -321,72 +459,4 @@ fn small(view: &Camera) -> Camera {
     let width = view.width.min(SMALL_WIDTH);
     let height = (f64::from(view.height) * f64::from(width) / f64::from(view.width)).round().max(1.0) as u32;
     Camera { width, height, ..*view }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::scene::{Background, Light, Material, Object, shapes};
-    use lobelia_reflectance::{LobeBrdf, Rgb};
-    use std::sync::Arc;
-
-    /// A grey plane under a lamp: one reflection is all there is.
-    fn plane() -> Scene {
-        Scene {
-            objects: vec![Object {
-                name: "plane".into(),
-                mesh: Arc::new(shapes::plane(1)),
-                transform: glam::Affine3A::IDENTITY,
-                material: Material::uniform(LobeBrdf::diffuse(Rgb::splat(0.5))),
-            }],
-            lights: vec![Light::Point { position: glam::Vec3::Y * 2.0, intensity: Rgb::ONE }],
-            environment: None,
-            background: Background::Colour(Rgb::splat(0.1)),
-            camera: Camera {
-                position: glam::Vec3::new(0.0, 3.0, 0.5),
-                target: glam::Vec3::ZERO,
-                up: glam::Vec3::Z,
-                fov: 0.8,
-                width: 32,
-                height: 24,
-            },
-            animation: None,
-            exposure: 1.0,
-        }
-    }
-
-    #[test]
-    fn a_loose_bound_takes_little_a_tight_one_more_and_both_are_met() {
-        let scene = plane();
-        let base = reference::Settings { samples: 1 << 20, seed: 5, ..Default::default() };
-        let truth = judge(&base, 9, 256).render(&scene, &scene.camera).unwrap().picture;
-        for max_error in [0.3, 0.02] {
-            let outcome = Model::measure(&scene, &Settings { reference: base, ..Settings::default() })
-                .unwrap()
-                .meet(&scene.camera, max_error)
-                .unwrap();
-            let error = compare::compare(&outcome.rendering.picture, &truth).unwrap().relative_rmse;
-            let last = taken(&outcome.tried).unwrap();
-            assert!(error < 1.1 * max_error, "{error} for {max_error}: {:?}", outcome.tried);
-            assert!(last.method == outcome.chosen.method && last.actual.unwrap()[1] <= max_error);
-        }
-    }
-
-    #[test]
-    fn interreflection_is_left_out_only_where_the_bound_allows_it() {
-        // In a white furnace one reflection less shows.
-        let mut scene = plane();
-        scene.objects.push(scene.objects[0].clone());
-        scene.objects[1].transform = glam::Affine3A::from_rotation_x(-1.2);
-        let base = reference::Settings { samples: 1 << 20, seed: 5, ..Default::default() };
-        let model = Model::measure(&scene, &Settings { reference: base, ..Settings::default() }).unwrap();
-        let bias = model.candidates[1].bias;
-        assert!(bias > 0.02 && model.candidates[0].bias == 0.0, "{bias}");
-        let outcome = model.meet(&scene.camera, 0.5 * bias).unwrap();
-        assert_eq!(outcome.chosen.method, Method::Reference);
-        assert!(outcome.rendering.estimated_error().unwrap() <= 0.5 * bias);
-        assert!(
-            outcome.tried.iter().all(|tried| tried.actual.is_none() || !tried.name.starts_with("no inter"))
-        );
-    }
 }

@@ -127,6 +127,17 @@ impl Materials {
         packed
     }
 
+    /// Takes the radiance of rectangular lights from a scene of the same objects and as many lights.
+    pub(crate) fn relight(&mut self, scene: &Scene) {
+        let radiances = scene.lights.iter().filter_map(|light| match light {
+            Light::Rectangle { radiance, .. } => Some(radiance.to_array()),
+            _ => None,
+        });
+        for (material, radiance) in self.materials[scene.objects.len()..].iter_mut().zip(radiances) {
+            material.emission = radiance;
+        }
+    }
+
     /// Appends one texel.
     fn push(&mut self, brdf: &LobeBrdf) {
         if !brdf.microfacets.is_empty() {

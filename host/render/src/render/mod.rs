@@ -1,57 +1,101 @@
-//! Renderers. Each is a [`Renderer`]: it makes a [`Scene`] ready once, then gives a [`Rendering`] of any view, a linear
-//! picture with what it cost. [`compare`] tells how far a picture is from the reference's.
-//!
-//! | method | light | where |
-//! |---|---|---|
-//! | `reference` | all lights, environment, shadows, interreflection | CPU |
-//! | `environment` | environment by prefiltered maps (6.13)–(6.18), lights as in `lights`, with their shadows on the GPU | CPU or GPU |
-//! | `lights` | point, directional, rectangular (6.9), with shadows | GPU |
+//! Renderers. Each is a [`Renderer`]: it bakes what it stores of a [`Scene`] ([`bake`]), opens it as a
+//! [`Player`], and that gives a [`Rendering`] of one [`State`] after another, a linear picture with what it
+//! cost. [`compare`] tells how far a picture is from the reference's. [`METHODS`] is the table of all
+//! methods, [`Job`] a rendering by any of them.
 
+pub mod bake;
 mod bvh;
 pub mod choose;
 pub mod compare;
+mod cost;
 pub mod environment;
 mod flip;
 mod geometry;
+mod job;
 pub mod lights;
 mod materials;
 mod math;
+mod methods;
+#[cfg(test)]
+mod player_tests;
 pub mod reference;
 mod sampler;
 mod shading;
+mod stage;
 pub mod storage;
 
 use glam::Vec3;
 
+pub use cost::Cost;
+pub use job::{Chosen, Drawn, Job, Uses, prepare};
 pub use lobelia_reflectance::picture::{Picture, PictureKind, picture_kind};
+pub use methods::{METHODS, Method, REFERENCE, Settings, Variant};
 
-use crate::scene::{Camera, Scene};
-use lobelia_base::error::{Kind, Result};
+use crate::scene::{Camera, Scene, State};
+use bake::{Bake, Baked, MadeOf};
+use lobelia_base::error::Result;
 
 /// One way to render, with its settings.
 pub trait Renderer {
-    /// Does for a scene what is the same for every view: trees, tables, uploads, prefiltering.
-    ///
-    /// # Errors
-    /// Input errors for a scene that [`Scene::check`] refuses; failures of the device.
-    fn prepare<'a>(&self, scene: &'a Scene) -> Result<Box<dyn Prepared + 'a>>;
+    /// The name of its row in [`METHODS`].
+    fn name(&self) -> &'static str;
 
-    /// Renders one view of a scene.
+    /// What its baking depends on for a scene, told in far less time than baking takes; nothing for a method
+    /// that bakes nothing.
     ///
     /// # Errors
-    /// Those of [`Self::prepare`] and [`Prepared::view`].
+    /// Input errors for settings and scenes that it refuses.
+    fn made_of(&self, _scene: &Scene) -> Result<Option<MadeOf>> {
+        Ok(None)
+    }
+
+    /// The work of baking a scene; nothing for a method that bakes nothing.
+    ///
+    /// # Errors
+    /// As [`Self::made_of`]; failures of the device.
+    fn bake<'a>(&'a self, _scene: &'a Scene) -> Result<Option<Box<dyn Bake + 'a>>> {
+        Ok(None)
+    }
+
+    /// Seconds that baking is expected to take, told without baking; nothing where that is no more than a
+    /// moment.
+    fn expected_bake_seconds(&self, _scene: &Scene) -> Option<f64> {
+        None
+    }
+
+    /// Makes a scene ready to be played, by what was baked of it: does what is the same for every frame.
+    ///
+    /// # Errors
+    /// Input errors for a scene that [`Scene::check`] or the method refuses, and for damage of what was
+    /// baked; failures of the device.
+    fn open(&self, scene: &Scene, baked: &Baked) -> Result<Box<dyn Player>>;
+
+    /// Bakes a scene in memory and opens it.
+    ///
+    /// # Errors
+    /// Those of [`Self::bake`] and [`Self::open`].
+    fn prepare(&self, scene: &Scene) -> Result<Box<dyn Player>> {
+        scene.check()?;
+        self.open(scene, &Baked::in_memory(self, scene)?)
+    }
+
+    /// Renders one view of a scene as it stands.
+    ///
+    /// # Errors
+    /// Those of [`Self::prepare`] and [`Player::frame`].
     fn render(&self, scene: &Scene, view: &Camera) -> Result<Rendering> {
-        self.prepare(scene)?.view(view)
+        self.prepare(scene)?.frame(&scene.seen_by(view))
     }
 }
 
 /// A scene that one method has made ready.
-pub trait Prepared {
-    /// Renders one view.
+pub trait Player {
+    /// Renders the scene in a state, and redoes only what differs from the state before; the first follows
+    /// the scene as it stands.
     ///
     /// # Errors
-    /// Input errors for a view that [`Camera::check`] refuses; failures of the device.
-    fn view(&self, view: &Camera) -> Result<Rendering>;
+    /// Input errors for a state that [`Scene::at`] refuses; failures of the device.
+    fn frame(&mut self, state: &State) -> Result<Rendering>;
 }
 
 /// A picture and its cost.
@@ -63,6 +107,8 @@ pub struct Rendering {
     pub variance: Option<Vec<Vec3>>,
     /// What it took.
     pub cost: Cost,
+    /// What was done again beside drawing, since the frame before ("tree", "lights", "turn").
+    pub redone: Vec<&'static str>,
     /// The GPU that drew it; `None` for the CPU.
     pub adapter: Option<String>,
     /// What makes it worse than it should be.
@@ -74,109 +120,6 @@ impl Rendering {
     pub fn estimated_error(&self) -> Option<f64> {
         let means = self.picture.pixels.iter().map(|pixel| pixel.truncate());
         self.variance.as_ref().map(|variance| compare::expected_relative_rmse(means, variance))
-    }
-}
-
-/// What a rendering took.
-#[derive(Debug, Clone, Copy, Default, PartialEq)]
-pub struct Cost {
-    /// Seconds for what is the same for every view: trees, tables, uploads, pipelines.
-    pub prepare_seconds: f64,
-    /// Seconds for the view.
-    pub render_seconds: f64,
-    /// Bytes that the method holds for the scene and the view, on the CPU and the GPU.
-    pub memory_bytes: u64,
-    /// Samples a pixel.
-    pub samples: u32,
-    /// Rays cast; 0 for a raster.
-    pub rays: u64,
-    /// Draw calls; 0 for rays.
-    pub draws: u32,
-}
-
-impl Cost {
-    /// The cost of this and another view of the same scene made ready.
-    #[must_use]
-    pub fn and(&self, view: &Self) -> Self {
-        Self {
-            prepare_seconds: view.prepare_seconds,
-            render_seconds: self.render_seconds + view.render_seconds,
-            memory_bytes: self.memory_bytes.max(view.memory_bytes),
-            samples: view.samples,
-            rays: self.rays + view.rays,
-            draws: self.draws + view.draws,
-        }
-    }
-}
-
-/// The methods by their names on the command line.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
-pub enum Method {
-    /// The cheapest that meets --max-error; without it `lights` when there is a GPU and no environment, else `reference`.
-    Auto,
-    /// Path tracer on the CPU.
-    Reference,
-    /// Raster on the GPU.
-    Lights,
-    /// Prefiltered environment maps, on the CPU or the GPU.
-    Environment,
-}
-
-impl Method {
-    /// Its name.
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Auto => "auto",
-            Self::Reference => "reference",
-            Self::Lights => "lights",
-            Self::Environment => "environment",
-        }
-    }
-}
-
-/// A scene made ready, the method that did, and why another was passed over.
-pub struct Chosen<'a> {
-    /// Ready to render views.
-    pub prepared: Box<dyn Prepared + 'a>,
-    /// Never [`Method::Auto`].
-    pub method: Method,
-    /// Why `auto` did not use the GPU.
-    pub note: Option<String>,
-}
-
-/// The settings of every method.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub struct Settings {
-    /// The path tracer's.
-    pub reference: reference::Settings,
-    /// Those of the raster.
-    pub lights: lights::Settings,
-    /// Those of prefiltered environments.
-    pub environment: environment::Settings,
-}
-
-/// Makes a scene ready by the method named; `auto` falls back to the CPU and says why.
-///
-/// # Errors
-/// Those of the method; `lights` without a GPU is a failure, `auto` is not.
-pub fn prepare<'a>(scene: &'a Scene, method: Method, settings: &Settings) -> Result<Chosen<'a>> {
-    let reference =
-        |note| Ok(Chosen { prepared: settings.reference.prepare(scene)?, method: Method::Reference, note });
-    let lights = || settings.lights.prepare(scene);
-    match method {
-        Method::Reference => reference(None),
-        Method::Environment => {
-            Ok(Chosen { prepared: settings.environment.prepare(scene)?, method, note: None })
-        }
-        Method::Lights => Ok(Chosen { prepared: lights()?, method, note: None }),
-        Method::Auto if scene.environment.is_some() => {
-            reference(Some("the scene has an environment, which `lights` does not render".into()))
-        }
-        Method::Auto => match lights() {
-            Ok(prepared) => Ok(Chosen { prepared, method: Method::Lights, note: None }),
-            Err(error) if error.kind() == Kind::Input => Err(error),
-            Err(error) => reference(Some(error.to_string())),
-        },
     }
 }
 

@@ -16,7 +16,7 @@ use lobelia_reflectance::{Lobe, LobeBrdf, Microfacet, Rgb, SbrdfMap};
 const LOG_EXPONENT: [f32; 2] = [0.5, 5000.0];
 
 /// A way to store coefficients.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, clap::ValueEnum)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Storage {
     /// 32-bit floats.
     #[default]
@@ -27,10 +27,8 @@ pub enum Storage {
     /// its C: with two exponents no ρ_s makes up for the scale.
     F16Scaled,
     /// 8 bits a coefficient as the source did: C over −1..1, n over 0..255, albedos over 0..1 sr⁻¹, all clamped.
-    #[value(name = "8bit")]
     Bits8,
     /// 8 bits: C scaled as above, or clamped to −1..1, ln n, and albedos over the map's own range.
-    #[value(name = "8bit-scaled")]
     Bits8Scaled,
 }
 
@@ -51,6 +49,27 @@ enum Kind {
 impl Storage {
     /// All of them.
     pub const ALL: [Self; 5] = [Self::F32, Self::F16, Self::F16Scaled, Self::Bits8, Self::Bits8Scaled];
+
+    /// Name on the command line, and what it is.
+    pub fn option(self) -> (&'static str, &'static str) {
+        match self {
+            Self::F32 => ("f32", "32-bit floats"),
+            Self::F16 => ("f16", "16-bit floats"),
+            Self::F16Scaled => (
+                "f16-scaled",
+                "16-bit floats, C scaled so that a lobe's largest base is exactly 1; ρ_s is then its peak. A lobe that sharpens \
+                 toward grazing keeps its C: with two exponents no ρ_s makes up for the scale",
+            ),
+            Self::Bits8 => (
+                "8bit",
+                "8 bits a coefficient as the source did: C over −1..1, n over 0..255, albedos over 0..1 sr⁻¹, all clamped",
+            ),
+            Self::Bits8Scaled => (
+                "8bit-scaled",
+                "8 bits: C scaled as above, or clamped to −1..1, ln n, and albedos over the map's own range",
+            ),
+        }
+    }
 
     /// Name in charts.
     pub fn name(self) -> &'static str {

@@ -1,24 +1,25 @@
-//! Camera paths: Catmull–Rom splines through views that are evenly spaced in time.
+//! Animations: Catmull–Rom splines through states that are evenly spaced in time.
 
 use glam::Vec3;
 
-use super::Camera;
+use super::state::{Placement, State};
+use super::{Camera, Scene};
 
-/// A path of the camera.
+/// A path through states of a scene.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Animation {
     /// Pictures.
     pub frames: u32,
-    /// Views that the camera passes through, two at least.
-    pub keys: Vec<Camera>,
-    /// Whether the path goes on from the last view to the first.
+    /// States that it passes through, two at least.
+    pub keys: Vec<State>,
+    /// Whether the path goes on from the last state to the first.
     pub closed: bool,
 }
 
 impl Animation {
-    /// The view of a frame, 0 to `frames` − 1, at the picture's size of the first key. An open path ends in its last view; a
-    /// closed one ends a frame before it repeats.
-    pub fn view(&self, frame: u32) -> Camera {
+    /// The state of a frame, 0 to `frames` − 1, at the picture's size of the first key. An open path ends in
+    /// its last state; a closed one ends a frame before it repeats.
+    pub fn state(&self, frame: u32) -> State {
         let count = self.keys.len() as i64;
         let (spans, steps) =
             if self.closed { (count, self.frames) } else { (count - 1, self.frames.saturating_sub(1)) };
@@ -31,15 +32,46 @@ impl Animation {
             &self.keys[index as usize]
         };
         let around = [key(-1), key(0), key(1), key(2)];
-        let vector = |of: fn(&Camera) -> Vec3| spline(around.map(of), t);
-        let fov = spline(around.map(|camera| Vec3::splat(camera.fov)), t).x;
-        Camera {
-            position: vector(|camera| camera.position),
-            target: vector(|camera| camera.target),
-            up: vector(|camera| camera.up),
-            fov,
-            ..self.keys[0]
+        let vector = |of: &dyn Fn(&State) -> Vec3| spline(around.map(of), t);
+        let number = |of: &dyn Fn(&State) -> f32| vector(&|state| Vec3::splat(of(state))).x;
+        let placement = |of: &dyn Fn(&State) -> Placement| Placement {
+            shift: vector(&|state| of(state).shift),
+            turn: vector(&|state| of(state).turn),
+            // A spline may swing below.
+            dim: number(&|state| of(state).dim).max(0.0),
+        };
+        let first = &self.keys[0];
+        State {
+            camera: Camera {
+                position: vector(&|state| state.camera.position),
+                target: vector(&|state| state.camera.target),
+                up: vector(&|state| state.camera.up),
+                fov: number(&|state| state.camera.fov),
+                ..first.camera
+            },
+            turn: number(&|state| state.turn),
+            lights: (0..first.lights.len()).map(|k| placement(&|state| state.lights[k])).collect(),
+            objects: (0..first.objects.len()).map(|k| placement(&|state| state.objects[k])).collect(),
+            parameters: (0..first.parameters.len())
+                .map(|k| f64::from(number(&|state| state.parameters[k] as f32)))
+                .collect(),
         }
+    }
+}
+
+impl Scene {
+    /// The states of the animation's frames; none without one. A parameter that a spline swings beyond its
+    /// range stays at its end.
+    pub fn frames(&self) -> Vec<State> {
+        let Some(animation) = &self.animation else { return Vec::new() };
+        let within = |mut state: State| {
+            for (value, parameter) in state.parameters.iter_mut().zip(&self.parameters) {
+                let [a, b] = parameter.range;
+                *value = value.clamp(a.min(b), a.max(b));
+            }
+            state
+        };
+        (0..animation.frames).map(|frame| within(animation.state(frame))).collect()
     }
 }
 
@@ -66,20 +98,35 @@ mod tests {
             width: 8,
             height: 6,
         };
-        let keys = (0..8).map(|k| camera(k as f32 * std::f32::consts::FRAC_PI_4)).collect();
+        let scene = crate::scene::showcase::published(8, 6);
+        let key = |k: u8| {
+            let mut state = scene.seen_by(&camera(f32::from(k) * std::f32::consts::FRAC_PI_4));
+            (state.turn, state.lights[0].dim) = (f32::from(k), f32::from(k % 2));
+            state
+        };
+        let keys = (0..8).map(key).collect();
         Animation { frames: 33, keys, closed }
     }
 
     #[test]
     fn a_path_passes_through_its_views_and_stays_near_a_circle_between() {
         let open = orbit(false);
-        assert_eq!(open.view(0), open.keys[0]);
-        assert!((open.view(32).position - open.keys[7].position).length() < 1e-5);
+        assert_eq!(open.state(0), open.keys[0]);
+        assert!((open.state(32).camera.position - open.keys[7].camera.position).length() < 1e-5);
         let closed = Animation { frames: 32, ..orbit(true) };
-        assert!((closed.view(12).position - closed.keys[3].position).length() < 1e-5);
+        assert!((closed.state(12).camera.position - closed.keys[3].camera.position).length() < 1e-5);
         for frame in 0..32 {
-            let radius = closed.view(frame).position.length();
+            let radius = closed.state(frame).camera.position.length();
             assert!((radius / (4.0 * 1.25f32.sqrt()) - 1.0).abs() < 0.02, "{frame}: {radius}");
         }
+    }
+
+    #[test]
+    fn the_turn_is_even_between_even_keys_and_a_light_is_never_dimmed_below_nothing() {
+        let path = Animation { frames: 57, ..orbit(false) };
+        let states: Vec<_> = (0..57).map(|frame| path.state(frame)).collect();
+        assert!((16..40).all(|k| (states[k].turn - k as f32 / 8.0).abs() < 1e-5));
+        assert_eq!((states[8].lights[0].dim, states[16].lights[0].dim), (1.0, 0.0));
+        assert!(states.iter().all(|state| state.lights[0].dim >= 0.0));
     }
 }

@@ -27,23 +27,36 @@
 //! toward = [0.3, 1.0, 0.5]
 //! irradiance = [2.0, 2.0, 2.0]
 //!
+//! [[parameter]]                         # what has a name to be varied by
+//! name = "hour"
+//! range = [8.0, 20.0]                   # from where it does nothing to where it does all of this, in proportion
+//! value = 12.0                          # where it stands; the first of range when left out
+//! environment_turn_deg = 90.0
+//! light.lamp = { dim = 0.2 }            # as in a key of the animation
+//!
 //! [animation]                           # lobelia render scene.toml -o frame-###.png
 //! frames = 48
 //! closed = true                         # goes on from the last key to the first
-//! [[animation.key]]
+//! [[animation.key]]                     # what is left out is as in the scene
 //! position = [0.0, 1.2, 4.0]
 //! target = [0.0, 0.6, 0.0]
+//! environment_turn_deg = 30.0           # about +y, beyond rotation_deg
+//! light.lamp = { move = [1.0, 0.0, 0.0], turn_deg = [0.0, 90.0, 0.0], dim = 0.5 }   # by the light's name, or its number from 0
+//! object.ball = { move = [0.0, 0.5, 0.0] }
+//! parameter.hour = 18.0
 //! ```
 
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use glam::{Affine3A, DVec3, EulerRot, Quat, Vec2, Vec3};
 use serde::Deserialize;
 
+use super::state::Drive;
 use super::{
-    Animation, Background, Camera, Environment, Filter, Light, Mask, Material, Mesh, Object, Reflectance,
-    Scene, shapes, shipped, showcase,
+    Animation, Background, Camera, Environment, Filter, Light, Mask, Material, Mesh, Object, Parameter,
+    Placement, Reflectance, Scene, State, shapes, shipped, showcase,
 };
 use lobelia_base::error::{Error, Result};
 use lobelia_base::{files, toml_file};
@@ -63,6 +76,8 @@ struct SceneFile {
     #[serde(default)]
     light: Vec<LightFile>,
     animation: Option<AnimationFile>,
+    #[serde(default)]
+    parameter: Vec<ParameterFile>,
 }
 
 #[derive(Deserialize)]
@@ -78,9 +93,42 @@ struct AnimationFile {
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct KeyFile {
-    position: DVec3,
-    target: DVec3,
+    position: Option<DVec3>,
+    target: Option<DVec3>,
     fov_deg: Option<f32>,
+    #[serde(default)]
+    environment_turn_deg: f32,
+    #[serde(default)]
+    light: BTreeMap<String, PlacementFile>,
+    #[serde(default)]
+    object: BTreeMap<String, PlacementFile>,
+    #[serde(default)]
+    parameter: BTreeMap<String, f64>,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct ParameterFile {
+    name: String,
+    range: [f64; 2],
+    value: Option<f64>,
+    #[serde(default)]
+    environment_turn_deg: f32,
+    #[serde(default)]
+    light: BTreeMap<String, PlacementFile>,
+    #[serde(default)]
+    object: BTreeMap<String, PlacementFile>,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct PlacementFile {
+    #[serde(default, rename = "move")]
+    shift: Vec3,
+    #[serde(default)]
+    turn_deg: Vec3,
+    #[serde(default = "one")]
+    dim: f32,
 }
 
 #[derive(Deserialize)]
@@ -151,6 +199,7 @@ struct LobeFile {
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct LightFile {
+    name: Option<String>,
     kind: String,
     toward: Option<Vec3>,
     irradiance: Option<Rgb>,
@@ -259,21 +308,28 @@ fn build(file: SceneFile, folder: &Path) -> Result<Scene> {
     }
     let (position, target) = (local(position), local(target));
     let camera = Camera { position, target, up, fov: fov_deg.to_radians(), width, height };
-    let animation = file.animation.map(|path| Animation {
-        frames: path.frames,
-        closed: path.closed,
-        keys: path.key.iter().map(|key| key_view(key, &camera, &local)).collect(),
-    });
+    let names = Names {
+        lights: file.light.iter().map(|light| light.name.clone()).collect(),
+        objects: file.object.iter().map(|object| object.name.clone()).collect(),
+    };
     let environment = file.environment.map(|entry| environment(&entry, folder)).transpose();
-    let scene = Scene {
+    let mut scene = Scene {
         objects,
         lights,
         environment: environment.map_err(|error| error.at("environment"))?,
         background: background(file.background.as_deref())?,
         camera,
-        animation,
+        animation: None,
+        parameters: file.parameter.iter().map(|entry| names.parameter(entry)).collect::<Result<_>>()?,
         exposure: file.exposure,
     };
+    if let Some(path) = file.animation {
+        let key = |(index, key): (usize, &KeyFile)| {
+            names.state(key, &scene, &local).map_err(|error| error.at(format!("animation: key {index}")))
+        };
+        let keys = path.key.iter().enumerate().map(key).collect::<Result<_>>()?;
+        scene.animation = Some(Animation { frames: path.frames, closed: path.closed, keys });
+    }
     scene.check()?;
     Ok(scene)
 }
@@ -286,10 +342,74 @@ fn origin(position: DVec3, target: DVec3) -> DVec3 {
     if target.length() > FAR * position.distance(target) { target } else { DVec3::ZERO }
 }
 
-/// The camera at a key of its path.
-fn key_view(key: &KeyFile, camera: &Camera, local: &impl Fn(DVec3) -> Vec3) -> Camera {
-    let fov = key.fov_deg.map_or(camera.fov, f32::to_radians);
-    Camera { position: local(key.position), target: local(key.target), fov, ..*camera }
+/// The names that lights and objects have in the file, by which they are placed.
+struct Names {
+    lights: Vec<Option<String>>,
+    objects: Vec<Option<String>>,
+}
+
+impl Names {
+    /// Placements by the index of what is placed.
+    fn placed(
+        names: &[Option<String>],
+        what: &str,
+        entries: &BTreeMap<String, PlacementFile>,
+    ) -> Result<Vec<(usize, Placement)>> {
+        let placed = |(name, entry): (&String, &PlacementFile)| {
+            let number = || name.parse().ok().filter(|index| *index < names.len());
+            let index = names.iter().position(|own| own.as_ref() == Some(name)).or_else(number);
+            let index = index.ok_or_else(|| {
+                let known: Vec<&str> = names.iter().flatten().map(String::as_str).collect();
+                Error::input(format!(
+                    "there is no {what} \"{name}\"; use a number from 0 or a name{}{}",
+                    if known.is_empty() { "" } else { ": " },
+                    either(&known)
+                ))
+            })?;
+            let turn = entry.turn_deg.map(f32::to_radians);
+            Ok((index, Placement { shift: entry.shift, turn, dim: entry.dim }))
+        };
+        entries.iter().map(placed).collect()
+    }
+
+    /// A parameter with what it drives.
+    fn parameter(&self, entry: &ParameterFile) -> Result<Parameter> {
+        let drive = || {
+            Ok(Drive {
+                turn: entry.environment_turn_deg.to_radians(),
+                lights: Self::placed(&self.lights, "light", &entry.light)?,
+                objects: Self::placed(&self.objects, "object", &entry.object)?,
+            })
+        };
+        let drive = drive().map_err(|error: Error| error.at(format!("parameter {}", entry.name)))?;
+        let value = entry.value.unwrap_or(entry.range[0]);
+        Ok(Parameter { name: entry.name.clone(), range: entry.range, value, drive })
+    }
+
+    /// The state of the scene at a key of its animation.
+    fn state(&self, key: &KeyFile, scene: &Scene, local: &impl Fn(DVec3) -> Vec3) -> Result<State> {
+        let camera = scene.camera;
+        let fov = key.fov_deg.map_or(camera.fov, f32::to_radians);
+        let position = key.position.map_or(camera.position, local);
+        let target = key.target.map_or(camera.target, local);
+        let mut state = scene.seen_by(&Camera { position, target, fov, ..camera });
+        state.turn = key.environment_turn_deg.to_radians();
+        for (index, placement) in Self::placed(&self.lights, "light", &key.light)? {
+            state.lights[index] = placement;
+        }
+        for (index, placement) in Self::placed(&self.objects, "object", &key.object)? {
+            state.objects[index] = placement;
+        }
+        for (name, value) in &key.parameter {
+            let index = scene.parameters.iter().position(|parameter| parameter.name == *name);
+            let index = index.ok_or_else(|| {
+                let known: Vec<&str> = scene.parameters.iter().map(|one| one.name.as_str()).collect();
+                Error::input(format!("there is no parameter \"{name}\"; the scene has {}", either(&known)))
+            })?;
+            state.parameters[index] = *value;
+        }
+        Ok(state)
+    }
 }
 
 /// A procedural shape by name, or a file; and what its positions are relative to.
@@ -594,6 +714,39 @@ mod tests {
         };
         for (a, b) in seen(&near).into_iter().zip(seen(&far)) {
             assert!((a - b).length() < 1e-8, "{a} {b}");
+        }
+    }
+
+    #[test]
+    fn an_animation_varies_all_that_a_state_holds_by_name_or_number() {
+        let text = format!(
+            "{CAMERA}[environment]\nbuiltin = \"studio\"\n\
+            [[object]]\nname = \"ball\"\nmesh = \"sphere\"\nmaterial.published = \"clay\"\n\
+            [[light]]\nname = \"lamp\"\nkind = \"point\"\nposition = [0, 2, 0]\nintensity = [1, 1, 1]\n\
+            [[light]]\nkind = \"directional\"\ntoward = [0, 1, 0]\nirradiance = [1, 1, 1]\n\
+            [[parameter]]\nname = \"hour\"\nrange = [8, 20]\nlight.lamp = {{ dim = 0 }}\n\
+            [animation]\nframes = 3\n[[animation.key]]\n\
+            [[animation.key]]\nenvironment_turn_deg = 90\nlight.lamp = {{ move = [1, 0, 0] }}\n\
+            light.1 = {{ turn_deg = [90, 0, 0], dim = 0.5 }}\nobject.ball.move = [0, 3, 0]\nparameter.hour = 20\n"
+        );
+        let scene = read(&text).unwrap();
+        let frames = scene.frames();
+        assert_eq!((frames.len(), &frames[0]), (3, &scene.state()));
+        let last = scene.at(&frames[2]).unwrap();
+        assert_eq!(last.environment.unwrap().rotation, 90f32.to_radians());
+        let dark = Light::Point { position: Vec3::new(1.0, 2.0, 0.0), intensity: Rgb::ZERO };
+        assert_eq!(last.lights[0], dark);
+        let Light::Directional { toward, irradiance } = last.lights[1] else { panic!("directional") };
+        assert!((toward - Vec3::Z).length() < 1e-6 && irradiance == Rgb::splat(0.5));
+        assert_eq!(last.objects[0].transform.translation.y, 3.0);
+        for (from, to, words) in [
+            ("light.lamp = { move", "light.sun = { move", "key 1: there is no light \"sun\""),
+            ("parameter.hour = 20", "parameter.day = 1", "the scene has \"hour\""),
+            ("parameter.hour = 20", "parameter.hour = 21", "hour is 21; use 8 to 20"),
+            ("range = [8, 20]", "range = [8, 8]", "parameter hour: range"),
+        ] {
+            let message = read(&text.replace(from, to)).unwrap_err().to_string();
+            assert!(message.contains(words), "{message}");
         }
     }
 

@@ -7,12 +7,14 @@ pub mod environment;
 mod environment_file;
 pub mod file;
 mod frame;
+pub mod hash;
 mod import;
 pub mod mask;
 pub mod mesh;
 pub mod shapes;
 pub mod shipped;
 pub mod showcase;
+pub mod state;
 mod winding;
 
 use std::sync::Arc;
@@ -23,6 +25,7 @@ pub use animation::Animation;
 pub use environment::Environment;
 pub use mask::Mask;
 pub use mesh::{Mesh, Vertex};
+pub use state::{Parameter, Placement, State, Varies};
 
 use lobelia_base::error::{Error, Result};
 use lobelia_reflectance::mip;
@@ -41,8 +44,10 @@ pub struct Scene {
     pub background: Background,
     /// The view.
     pub camera: Camera,
-    /// A path of the camera.
+    /// A path through states of the scene.
     pub animation: Option<Animation>,
+    /// What has a name to be varied by.
+    pub parameters: Vec<Parameter>,
     /// Factor on radiance before a picture is tone-mapped; linear outputs ignore it.
     pub exposure: f32,
 }
@@ -299,12 +304,13 @@ impl Scene {
     /// Input errors that name the object, the light or the camera's key.
     pub fn check(&self) -> Result<()> {
         self.camera.check()?;
+        self.check_parameters()?;
         if let Some(animation) = &self.animation {
             if animation.keys.len() < 2 || animation.frames == 0 {
                 return Err(Error::input("animation: there must be two keys and one frame at least"));
             }
             for (index, key) in animation.keys.iter().enumerate() {
-                key.check().map_err(|error| error.at(format!("animation: key {index}")))?;
+                self.check_state(key).map_err(|error| error.at(format!("animation: key {index}")))?;
             }
         }
         if !(self.exposure.is_finite() && self.exposure > 0.0) {

@@ -54,6 +54,7 @@ pub fn showcase(cloth: Material, ball: Material, width: u32, height: u32) -> Sce
             height,
         },
         animation: None,
+        parameters: vec![],
         exposure: 0.85,
     }
 }

@@ -1,12 +1,12 @@
-//! Whether a picture without noise of its own meets an error: judged by pictures of the path tracer, round by round, until that is
-//! beyond doubt.
+//! Whether a picture without noise of its own meets an error: judged by pictures of the path tracer, round by
+//! round, until that is beyond doubt.
 //!
-//! A round is two pictures with seeds of their own, whose noise cancels in the mean of (a − r)(a − s) (`compare::relative_square_by`);
-//! the spread of the rounds tells how well their mean is known.
+//! A round is two pictures with seeds of their own, whose noise cancels in the mean of (a − r)(a − s)
+//! (`compare::relative_square_by`); the spread of the rounds tells how well their mean is known.
 
 use super::{judge, reference};
 use crate::render::{Picture, Renderer, compare};
-use crate::scene::{Camera, Scene};
+use crate::scene::{Scene, State};
 use lobelia_base::error::Result;
 
 /// Samples a pixel of a picture that judges: so few, since the mean is over many pixels.
@@ -16,15 +16,15 @@ const LEAST_ROUNDS: usize = 4;
 const MOST_ROUNDS: usize = 24;
 /// Rounds that are kept for the next picture to be judged.
 const KEPT_ROUNDS: usize = 4;
-/// Standard errors that are no doubt. As the rounds that they come from are few, one verdict in fifty is wrong where the error is at
-/// the bound, and next to none where it is not.
+/// Standard errors that are no doubt. As the rounds that they come from are few, one verdict in fifty is
+/// wrong where the error is at the bound, and next to none where it is not.
 const BEYOND_DOUBT: f64 = 4.0;
 
-/// What judges the pictures of one view.
+/// What judges the pictures of one frame.
 pub(super) struct Judges<'a> {
     scene: &'a Scene,
     base: reference::Settings,
-    view: Camera,
+    frame: State,
     /// Pictures of the first rounds, and what errors are relative to.
     rounds: Vec<[Picture; 2]>,
     third: Picture,
@@ -35,9 +35,9 @@ impl<'a> Judges<'a> {
     ///
     /// # Errors
     /// Those of the path tracer.
-    pub(super) fn new(scene: &'a Scene, base: reference::Settings, view: Camera) -> Result<Self> {
-        let third = judge(&base, 3, 4 * SAMPLES).render(scene, &view)?.picture;
-        Ok(Self { scene, base, view, rounds: Vec::new(), third })
+    pub(super) fn new(scene: &'a Scene, base: reference::Settings, frame: State) -> Result<Self> {
+        let third = judge(&base, 3, 4 * SAMPLES).prepare(scene)?.frame(&frame)?.picture;
+        Ok(Self { scene, base, frame, rounds: Vec::new(), third })
     }
 
     /// The picture's relative RMSE, and whether it is at most `max_error` beyond doubt.
@@ -54,7 +54,7 @@ impl<'a> Judges<'a> {
                 None => {
                     let of = |k| {
                         let seed = 4 + 2 * round as u64 + k;
-                        Ok(judge(&self.base, seed, SAMPLES).render(self.scene, &self.view)?.picture)
+                        Ok(judge(&self.base, seed, SAMPLES).prepare(self.scene)?.frame(&self.frame)?.picture)
                     };
                     let made = [of(0)?, of(1)?];
                     if round < KEPT_ROUNDS {
@@ -106,8 +106,8 @@ mod tests {
         assert_eq!(verdict(&[f64::NAN], 2.0).1, Some(false));
     }
 
-    /// Rounds that scatter by as much as the bound itself: of 2,000 pictures at 0.7 and 1.4 times the bound at most 2 % are judged wrongly,
-    /// where a single round is wrong for more than a quarter.
+    /// Rounds that scatter by as much as the bound itself: of 2,000 pictures at 0.7 and 1.4 times the bound
+    /// at most 2 % are judged wrongly, where a single round is wrong for more than a quarter.
     #[test]
     fn noise_of_the_judges_seldom_decides() {
         let mut random = Random::new(7);

@@ -11,7 +11,7 @@ use lobelia_reflectance::Rgb;
 /// The coefficients of irradiance.
 pub(crate) struct Harmonics {
     pub(super) coefficients: [Rgb; 9],
-    rotation: f32,
+    pub(super) rotation: f32,
 }
 
 /// Real spherical harmonics of degree 0 to 2 in the order of Ramamoorthi and Hanrahan.

@@ -7,6 +7,7 @@
 //! `lights` draws, with shaders/environment.wgsl for the light from afar.
 
 mod accuracy;
+mod baking;
 mod coats;
 mod gpu;
 mod harmonics;
@@ -27,12 +28,14 @@ use rayon::prelude::*;
 pub use prefilter::Encoding;
 pub use prefilter::Prefiltered;
 
+use super::bake::{Bake, Baked, MadeOf};
 use super::geometry::{Geometry, Surface};
 use super::materials::{AimedMicrofacet, Materials, Shader};
 use super::sampler::{self, hash};
 use super::shading::{self, Rays};
-use super::{Cost, Prepared, Renderer, Rendering, lights, math};
-use crate::scene::{Camera, Environment, Scene};
+use super::stage::Stage;
+use super::{Cost, Player, Renderer, Rendering, Variant, lights, math};
+use crate::scene::{Camera, Environment, Scene, State};
 use coats::{Coats, Part};
 use harmonics::Harmonics;
 use horizon::{Clipped, Horizon};
@@ -87,26 +90,83 @@ impl Settings {
 }
 
 impl Renderer for Settings {
-    fn prepare<'a>(&self, scene: &'a Scene) -> Result<Box<dyn Prepared + 'a>> {
+    fn name(&self) -> &'static str {
+        "environment"
+    }
+
+    fn made_of(&self, scene: &Scene) -> Result<Option<MadeOf>> {
+        baking::made_of(self, scene)
+    }
+
+    fn bake<'a>(&'a self, scene: &'a Scene) -> Result<Option<Box<dyn Bake + 'a>>> {
+        baking::work(self, scene)
+    }
+
+    fn open(&self, scene: &Scene, baked: &Baked) -> Result<Box<dyn Player>> {
+        self.made_ready(scene, Some(baked))
+    }
+
+    /// As baked in memory and opened, but that materials are packed once and maps are not written out.
+    fn prepare(&self, scene: &Scene) -> Result<Box<dyn Player>> {
+        self.made_ready(scene, None)
+    }
+}
+
+impl Settings {
+    /// Makes a scene ready, with maps that were baked or that are made now.
+    fn made_ready(&self, scene: &Scene, baked: Option<&Baked>) -> Result<Box<dyn Player>> {
         scene.check()?;
         self.check()?;
         let start = Instant::now();
         if self.gpu {
-            return raster::prepare(scene, self, start);
+            return raster::prepare(scene, self, baked, start);
         }
-        let materials = Materials::new(scene);
-        let light = scene.environment.as_ref();
-        let light = light.map(|environment| Light::new(environment, &materials, self, None)).transpose()?;
-        Ok(Box::new(Ready {
-            scene,
+        let stage = Stage::new(scene)?;
+        let materials = Materials::new(&stage.now);
+        let mut cost = Cost::default();
+        let light = stage.now.environment.as_ref();
+        let light =
+            light.map(|environment| Light::new(environment, &materials, self, None, baked, &mut cost));
+        let light = light.transpose()?;
+        let mut playing = Playing {
             settings: *self,
-            geometry: Geometry::new(scene),
-            lamps: shading::lamps(&scene.lights),
+            geometry: Geometry::new(&stage.now),
+            lamps: shading::lamps(&stage.now.lights),
+            stage,
             materials,
             light,
-            prepare_seconds: start.elapsed().as_secs_f64(),
-        }))
+            cost,
+        };
+        playing.cost.prepare_seconds = prepare_seconds(start, baked, &cost);
+        Ok(Box::new(playing))
     }
+}
+
+/// Seconds since a scene began to be made ready, but for maps that were made since.
+fn prepare_seconds(start: Instant, baked: Option<&Baked>, cost: &Cost) -> f64 {
+    let made = if baked.is_some() { 0.0 } else { cost.bake_seconds };
+    (start.elapsed().as_secs_f64() - made).max(0.0)
+}
+
+/// Settings that trade time for error, all weighed.
+pub(super) fn variants(scene: &Scene, base: &Settings) -> Vec<Variant> {
+    if scene.environment.is_none() {
+        return Vec::new();
+    }
+    let variants = [
+        ("slices", *base),
+        ("slices, on the GPU", Settings { gpu: true, ..*base }),
+        ("slices, no horizon correction", Settings { horizon: false, ..*base }),
+        ("MIP levels", Settings { encoding: Encoding::Mips, ..*base }),
+        ("slices, spherical harmonics", Settings { harmonics: true, ..*base }),
+    ];
+    let of = |(name, settings): (&str, Settings)| Variant {
+        series: "environment",
+        name: name.into(),
+        weighed: true,
+        renderer: Box::new(settings),
+    };
+    variants.map(of).into()
 }
 
 /// The mean radiance under lobes of some exponents, ∫ (ω_p·ω)ⁿ L dω / ∫ (ω_p·ω)ⁿ dω, for peaks at the centres of an equirectangular
@@ -154,36 +214,49 @@ struct Light {
 }
 
 impl Light {
-    /// Prefilters an environment for the lobes of some materials, on the GPU when there is one in hardware.
+    /// Takes the maps that were baked, or prefilters an environment for the lobes of some materials, on the GPU when there is one in
+    /// hardware; notes what the maps cost.
     ///
     /// # Errors
-    /// Failures of the GPU.
+    /// Failures of the GPU, damage of what was baked.
     fn new(
         environment: &Environment,
         materials: &Materials,
         settings: &Settings,
         gpu: Option<&Gpu>,
+        baked: Option<&Baked>,
+        cost: &mut Cost,
     ) -> Result<Self> {
-        let coats = (!materials.microfacets.is_empty()).then(Coats::table);
-        let of_coats = coats.into_iter().flat_map(|table| {
-            materials.microfacets.values().flatten().flat_map(|coat| table.exponents(coat.alpha))
-        });
-        let exponents = materials.lobes.iter().flat_map(|lobe| [lobe.n, lobe.n_grazing]).chain(of_coats);
-        let (low, high) = exponents.fold((f32::INFINITY, 0.0f32), |(a, b), n| (a.min(n), b.max(n)));
-        let range = match (low <= high, settings.horizon) {
-            (false, _) => (1.0, 1.0),
-            (true, false) => (low, high),
-            (true, true) => (low, high.max(horizon::widest_clipped(high))),
+        let maps = match baked {
+            Some(baked) => {
+                (cost.bake_seconds, cost.bake_rays) = (baked.seconds, baked.rays);
+                baking::maps(baked, environment.rotation)?
+            }
+            None => {
+                let start = Instant::now();
+                let Settings { encoding, map_error, .. } = *settings;
+                let gpu = baking::in_hardware(gpu).map(gpu::Prefilter::new).transpose()?;
+                let range = baking::range(materials, settings);
+                let maps = Prefiltered::new(environment, range, encoding, map_error, gpu.as_ref())?;
+                cost.bake_seconds = start.elapsed().as_secs_f64();
+                maps
+            }
         };
-        let Settings { encoding, map_error, .. } = *settings;
-        // A software driver would take far longer than the CPU's own way.
-        let gpu = gpu.filter(|gpu| !gpu.is_software()).map(gpu::Prefilter::new).transpose()?;
+        cost.baked_bytes = maps.bytes() as u64;
         Ok(Self {
-            maps: Prefiltered::new(environment, range, encoding, map_error, gpu.as_ref())?,
+            maps,
             harmonics: settings.harmonics.then(|| Harmonics::new(environment)),
             horizon: settings.horizon.then(Horizon::table),
-            coats,
+            coats: (!materials.microfacets.is_empty()).then(Coats::table),
         })
+    }
+
+    /// Turns to a rotation: maps and harmonics stand in the image's own frame, and a turn about +y is one of lookups.
+    fn turn(&mut self, rotation: f32) {
+        self.maps.rotation = rotation;
+        if let Some(harmonics) = &mut self.harmonics {
+            harmonics.rotation = rotation;
+        }
     }
 
     /// Radiance of the environment that a surface reflects.
@@ -237,17 +310,18 @@ fn turned(direction: Vec3, angle: f32) -> Vec3 {
 }
 
 /// A scene with its maps.
-struct Ready<'a> {
-    scene: &'a Scene,
+struct Playing {
+    stage: Stage,
     settings: Settings,
     geometry: Geometry,
     materials: Materials,
     lamps: Vec<Lamp>,
     light: Option<Light>,
-    prepare_seconds: f64,
+    /// What it took to be made ready.
+    cost: Cost,
 }
 
-impl Ready<'_> {
+impl Playing {
     /// Radiance along a camera ray, and coverage.
     fn shade(
         &self,
@@ -257,7 +331,7 @@ impl Ready<'_> {
         shader: &mut Shader,
     ) -> Vec4 {
         let Some(hit) = self.geometry.nearest(origin, direction) else {
-            return shading::background(self.scene, direction).extend(0.0);
+            return shading::background(&self.stage.now, direction).extend(0.0);
         };
         let object = self.geometry.object(&hit);
         if let Some(emission) = self.materials.emission(object) {
@@ -276,9 +350,32 @@ impl Ready<'_> {
     }
 }
 
-impl Prepared for Ready<'_> {
-    fn view(&self, camera: &Camera) -> Result<Rendering> {
-        camera.check()?;
+impl Player for Playing {
+    fn frame(&mut self, state: &State) -> Result<Rendering> {
+        let start = Instant::now();
+        let changes = self.stage.go(state)?;
+        let scene = &self.stage.now;
+        if changes.triangles {
+            self.geometry = Geometry::new(scene);
+        }
+        if changes.lights {
+            self.materials.relight(scene);
+            self.lamps = shading::lamps(&scene.lights);
+        }
+        if let (Some(light), Some(environment)) = (&mut self.light, &scene.environment) {
+            light.turn(environment.rotation);
+        }
+        let light_seconds = changes.seconds_since(start);
+        let mut rendering = self.draw(&state.camera);
+        rendering.cost.light_seconds = light_seconds;
+        rendering.redone = changes.redone();
+        Ok(rendering)
+    }
+}
+
+impl Playing {
+    /// Draws a view of the state it is in.
+    fn draw(&self, camera: &Camera) -> Rendering {
         let start = Instant::now();
         let (width, height) = (camera.width as usize, camera.height as usize);
         let (rays, samples) = (Rays::new(camera), self.settings.samples);
@@ -296,19 +393,13 @@ impl Prepared for Ready<'_> {
         let maps = self.light.as_ref().map_or(0, |light| light.maps.bytes());
         let memory = self.geometry.bytes() + self.materials.bytes() + maps + size_of_val(&pixels[..]);
         let cost = Cost {
-            prepare_seconds: self.prepare_seconds,
             render_seconds: start.elapsed().as_secs_f64(),
             memory_bytes: memory as u64,
             samples,
             rays: pixels.len() as u64 * u64::from(samples),
-            draws: 0,
+            ..self.cost
         };
-        Ok(Rendering {
-            picture: Picture { width, height, pixels },
-            variance: None,
-            cost,
-            adapter: None,
-            note: None,
-        })
+        let picture = Picture { width, height, pixels };
+        Rendering { picture, variance: None, cost, redone: vec![], adapter: None, note: None }
     }
 }

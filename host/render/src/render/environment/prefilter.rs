@@ -12,7 +12,7 @@ use super::spectrum::{self, Spectrum};
 use super::{accuracy, gpu};
 use crate::render::math;
 use crate::scene::{Environment, environment::texture_of};
-use lobelia_base::error::Result;
+use lobelia_base::error::{Error, Result};
 use lobelia_gpu::environment::Map;
 use lobelia_reflectance::Rgb;
 
@@ -24,13 +24,32 @@ const TINY: f32 = 1e-37;
 const LEAST: f32 = 0.25;
 
 /// How the exponent is encoded. Of both three maps blend, exactly for a point of light and for even light.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, clap::ValueEnum)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum Encoding {
     /// MIP levels: every level has a quarter of the exponent and half of the size. The published encoding: small, quick to
     /// make, and as wrong between its levels as the environment makes it
     Mips,
     /// Slices, each of the size that its exponent needs, spaced as the error asks for
     Slices,
+}
+
+impl Encoding {
+    /// Both.
+    pub const ALL: [Self; 2] = [Self::Mips, Self::Slices];
+
+    /// Name on the command line, and what it is.
+    pub fn option(self) -> (&'static str, &'static str) {
+        match self {
+            Self::Mips => (
+                "mips",
+                "MIP levels: every level has a quarter of the exponent and half of the size. The published encoding: small, \
+                 quick to make, and as wrong between its levels as the environment makes it",
+            ),
+            Self::Slices => {
+                ("slices", "Slices, each of the size that its exponent needs, spaced as the error asks for")
+            }
+        }
+    }
 }
 
 /// S^(1/n) for one exponent. The first and the last row are the poles, where a lookup would else see what lies beside them.
@@ -62,6 +81,68 @@ pub(super) fn blended(logarithms: [Rgb; 3], weights: [f32; 3]) -> Rgb {
     logarithms.into_iter().zip(weights).map(|(log, weight)| log * weight).sum::<Rgb>().map(math::exp2)
 }
 
+/// A map that is to be made.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Wanted {
+    /// Exponent.
+    pub(super) n: f32,
+    /// Rows.
+    pub(super) height: usize,
+    /// Whether it is that of D(N), and whether one of S.
+    pub(super) roles: [bool; 2],
+}
+
+/// The maps that an environment needs for lobes of some exponents, and what they are made from.
+pub(super) struct Plan {
+    image: Environment,
+    spectrum: Spectrum,
+    error: f32,
+    /// That of D(N) first, then those of S by rising exponent.
+    pub(super) maps: Vec<Wanted>,
+}
+
+impl Plan {
+    /// For exponents from `range.0` to `range.1` and an error ([`accuracy`]).
+    pub(super) fn new(environment: &Environment, range: (f32, f32), encoding: Encoding, error: f32) -> Self {
+        let image = Environment { rotation: 0.0, ..environment.clone() };
+        // D(N)'s edge has more degrees than any wider lobe.
+        let spectrum = Spectrum::new(&image, &[1.0, range.1.max(LEAST)], error);
+        let nodes = nodes(&image, &spectrum, range, encoding, error);
+        let finest = nodes.last().map_or(0, |&n| accuracy::map_height(n, error));
+        let levels = nodes.len() - 1;
+        let diffuse = Wanted { n: 1.0, height: accuracy::map_height(1.0, error), roles: [true, false] };
+        let mut maps = vec![diffuse];
+        for (k, n) in nodes.into_iter().enumerate() {
+            let height = match encoding {
+                Encoding::Slices => accuracy::map_height(n, error),
+                Encoding::Mips => (finest >> (levels - k)).max(4),
+            };
+            // One map may be both.
+            if (n, height) == (1.0, diffuse.height) && maps.len() == 1 {
+                maps[0].roles[1] = true;
+            } else {
+                maps.push(Wanted { n, height, roles: [false, true] });
+            }
+        }
+        Self { image, spectrum, error, maps }
+    }
+
+    /// Makes a map, on the GPU when there is one.
+    ///
+    /// # Errors
+    /// Failures of the GPU.
+    pub(super) fn map(&self, index: usize, gpu: Option<&gpu::Prefilter<'_>>) -> Result<Environment> {
+        let Wanted { n, height, .. } = self.maps[index];
+        match gpu {
+            Some(gpu) => {
+                let (source, cap) = accuracy::gathered(&self.image, n, self.error);
+                gpu.slice(&source, &cap, height)
+            }
+            None => Ok(slice(&self.spectrum, n, self.error, height)),
+        }
+    }
+}
+
 /// The maps of one environment.
 pub struct Prefiltered {
     /// Turn of the environment about +y.
@@ -85,30 +166,28 @@ impl Prefiltered {
         error: f32,
         gpu: Option<&gpu::Prefilter<'_>>,
     ) -> Result<Self> {
-        let image = Environment { rotation: 0.0, ..environment.clone() };
-        // D(N)'s edge has more degrees than any wider lobe.
-        let spectrum = Spectrum::new(&image, &[1.0, range.1.max(LEAST)], error);
-        let map = |n: f32, height: usize| match gpu {
-            Some(gpu) => {
-                let (source, cap) = accuracy::gathered(&image, n, error);
-                gpu.slice(&source, &cap, height)
-            }
-            None => Ok(slice(&spectrum, n, error, height)),
-        };
-        let diffuse = map(1.0, accuracy::map_height(1.0, error))?;
-        let nodes = nodes(&image, &spectrum, range, encoding, error);
-        let finest = nodes.last().map_or(0, |&n| accuracy::map_height(n, error));
-        let levels = nodes.len() - 1;
-        let slices = nodes.into_iter().enumerate().map(|(k, n)| {
-            let height = match encoding {
-                Encoding::Slices => accuracy::map_height(n, error),
-                Encoding::Mips => (finest >> (levels - k)).max(4),
-            };
-            let same = n == 1.0 && height == diffuse.height;
-            Ok((n, if same { diffuse.clone() } else { map(n, height)? }))
-        });
-        let slices = slices.collect::<Result<_>>()?;
-        Ok(Self { rotation: environment.rotation, slices, diffuse: (1.0, diffuse) })
+        let plan = Plan::new(environment, range, encoding, error);
+        let map = |(index, wanted): (usize, &Wanted)| Ok((*wanted, plan.map(index, gpu)?));
+        let maps = plan.maps.iter().enumerate().map(map).collect::<Result<Vec<_>>>()?;
+        Self::of_maps(maps, environment.rotation)
+    }
+
+    /// Maps that were made, that of D(N) and those of S in the order of a [`Plan`].
+    ///
+    /// # Errors
+    /// An input error where there is none of one kind.
+    pub(super) fn of_maps(maps: Vec<(Wanted, Environment)>, rotation: f32) -> Result<Self> {
+        let diffuse = maps.iter().find(|(wanted, _)| wanted.roles[0]).map(|(_, map)| (1.0, map.clone()));
+        let slices: Vec<_> = maps
+            .into_iter()
+            .filter(|(wanted, _)| wanted.roles[1])
+            .map(|(wanted, map)| (wanted.n, map))
+            .collect();
+        let rising = slices.windows(2).all(|pair| pair[0].0 < pair[1].0);
+        match diffuse.filter(|_| rising && !slices.is_empty()) {
+            Some(diffuse) => Ok(Self { rotation, diffuse, slices }),
+            None => Err(Error::input("not all prefiltered maps are there, or not in their order")),
+        }
     }
 
     /// On the CPU.

@@ -2,30 +2,69 @@
 
 use std::time::Instant;
 
+use glam::Vec4;
 use wgpu::BufferUsages;
 
-use super::{Coats, Horizon, Light, Settings};
-use crate::render::Prepared;
+use super::{Coats, Horizon, Light, Settings, prepare_seconds};
+use crate::render::bake::Baked;
 use crate::render::lights::{self, Distant, Lights};
 use crate::render::materials::Materials;
-use crate::scene::Scene;
+use crate::render::stage::Stage;
+use crate::render::{Cost, Player, Rendering};
+use crate::scene::{Scene, State};
 use lobelia_base::error::Result;
 use lobelia_gpu::Gpu;
 use lobelia_gpu::environment::{SHADER, Sky};
 
+/// A scene on the GPU, and what its light from afar is told but for its turn.
+struct Playing {
+    lights: Lights,
+    maps: u32,
+    horizon: bool,
+    coefficients: Option<[Vec4; 9]>,
+    /// What it took to be made ready.
+    cost: Cost,
+}
+
 /// Makes a scene ready on the GPU.
-pub(super) fn prepare<'a>(
-    scene: &'a Scene,
+pub(super) fn prepare(
+    scene: &Scene,
     settings: &Settings,
+    baked: Option<&Baked>,
     start: Instant,
-) -> Result<Box<dyn Prepared + 'a>> {
+) -> Result<Box<dyn Player>> {
     let gpu = Gpu::open()?;
-    let materials = Materials::new(scene);
-    let distant = scene.environment.as_ref().map(|environment| {
-        let light = Light::new(environment, &materials, settings, Some(&gpu))?;
-        upload(&gpu, &light)
+    let now = Stage::new(scene)?.now;
+    let mut cost = Cost::default();
+    let environment = now.environment.as_ref();
+    let light = environment.map(|environment| {
+        Light::new(environment, &Materials::new(&now), settings, Some(&gpu), baked, &mut cost)
     });
-    Ok(Box::new(Lights::new(&drawn(settings), scene, gpu, distant.transpose()?)?.since(start)))
+    let light = light.transpose()?;
+    let distant = light.as_ref().map(|light| upload(&gpu, light)).transpose()?;
+    let lights = Lights::new(&drawn(settings), scene, gpu, distant)?;
+    cost.prepare_seconds = prepare_seconds(start, baked, &cost);
+    let (maps, horizon, coefficients) = light.as_ref().map_or((0, false, None), sky);
+    Ok(Box::new(Playing { lights, maps, horizon, coefficients, cost }))
+}
+
+impl Player for Playing {
+    fn frame(&mut self, state: &State) -> Result<Rendering> {
+        let Self { maps, horizon, coefficients, .. } = *self;
+        let mut rendering = self.lights.play(state, |gpu, rotation| {
+            gpu.buffer("sky", &[Sky::new(rotation, maps, horizon, coefficients)], BufferUsages::UNIFORM)
+        })?;
+        let Cost { bake_seconds, bake_rays, baked_bytes, prepare_seconds, .. } = self.cost;
+        rendering.cost = Cost { bake_seconds, bake_rays, baked_bytes, prepare_seconds, ..rendering.cost };
+        Ok(rendering)
+    }
+}
+
+/// Number of maps of S, whether lobes are corrected near the horizon, and harmonics.
+fn sky(light: &Light) -> (u32, bool, Option<[Vec4; 9]>) {
+    let harmonics = light.harmonics.as_ref();
+    let coefficients = harmonics.map(|light| light.coefficients.map(|coefficient| coefficient.extend(0.0)));
+    (light.maps.exponents().count() as u32, light.horizon.is_some(), coefficients)
 }
 
 /// How the raster draws.
@@ -36,9 +75,8 @@ fn drawn(settings: &Settings) -> lights::Settings {
 /// Puts what the shader reads on the device.
 fn upload(gpu: &Gpu, light: &Light) -> Result<Distant> {
     let (places, pixels) = light.maps.packed();
-    let harmonics = light.harmonics.as_ref();
-    let coefficients = harmonics.map(|light| light.coefficients.map(|coefficient| coefficient.extend(0.0)));
-    let sky = Sky::new(light.maps.rotation, places.len() as u32 - 1, light.horizon.is_some(), coefficients);
+    let (maps, horizon, coefficients) = sky(light);
+    let sky = Sky::new(light.maps.rotation, maps, horizon, coefficients);
     let clipped = light.horizon.map_or_else(Vec::new, Horizon::packed);
     let buffers = [
         gpu.buffer("sky", &[sky], BufferUsages::UNIFORM)?,
@@ -96,7 +134,9 @@ mod tests {
                 Err(error) => panic!("{error}"),
             };
             let environment = scene.environment.as_ref().unwrap();
-            let light = Light::new(environment, &Materials::new(scene), &settings, None).unwrap();
+            let materials = Materials::new(scene);
+            let mut cost = Cost::default();
+            let light = Light::new(environment, &materials, &settings, None, None, &mut cost).unwrap();
             let distant = |surface: &_, shader: &_| light.reflected(surface, shader);
             let twin = cpu::render_with(scene, &drawn(&settings), &distant).unwrap();
             let pixels = rendering.picture.pixels.iter().zip(&twin.pixels);

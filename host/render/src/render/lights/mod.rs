@@ -15,10 +15,12 @@ use std::time::Instant;
 
 use glam::{BVec3, Mat4, Vec3, Vec4};
 
+use super::bake::Baked;
 use super::shading::{self, Rays};
+use super::stage::{Changes, Stage};
 use super::storage::Storage;
-use super::{Cost, Prepared, Renderer, Rendering};
-use crate::scene::{Camera, Reflectance, Scene};
+use super::{Cost, Method, Player, Renderer, Rendering, Variant};
+use crate::scene::{Camera, Reflectance, Scene, State};
 use lobelia_base::error::{Error, Result};
 use lobelia_fit::edit::levels;
 use lobelia_gpu::Gpu;
@@ -28,7 +30,7 @@ use lobelia_reflectance::picture::Picture;
 use upload::Uploads;
 
 /// What a pixel takes of a texture that is smaller than it should be (stability case G14).
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, clap::ValueEnum)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Filtering {
     /// The texels around its middle: fast, and full of specks from afar.
     Finest,
@@ -45,6 +47,26 @@ pub enum Filtering {
 impl Filtering {
     /// All of them.
     pub const ALL: [Self; 4] = [Self::Finest, Self::Coefficients, Self::Fitted, Self::Shaded];
+
+    /// Name on the command line, and what it is.
+    pub fn option(self) -> (&'static str, &'static str) {
+        match self {
+            Self::Finest => ("finest", "The texels around its middle: fast, and full of specks from afar"),
+            Self::Coefficients => (
+                "coefficients",
+                "MIP levels of averaged coefficients, interpolated before they are evaluated, as texture hardware does",
+            ),
+            Self::Fitted => (
+                "fitted",
+                "MIP levels fitted to the averaged reflectance; what is interpolated is reflectance. Maps without such \
+                 levels (`lobelia fit --mip`) get them first",
+            ),
+            Self::Shaded => (
+                "shaded",
+                "Shades texels all over the pixel, then filters: right, and as slow as there are texels",
+            ),
+        }
+    }
 
     /// Name in charts.
     pub fn name(self) -> &'static str {
@@ -134,7 +156,7 @@ impl Settings {
     /// Seconds a frame of a view (of a driver in software, of CPU time), the least of `rounds` of `frames` each, without reading pictures back; and the adapter.
     ///
     /// # Errors
-    /// Those of [`Renderer::prepare`] and of [`Prepared::view`].
+    /// Those of [`Renderer::prepare`] and of [`Player::frame`].
     pub fn frame_seconds(&self, scene: &Scene, rounds: u32, frames: u32) -> Result<(f64, String)> {
         let lights = Lights::new(self, scene, Gpu::open()?, None)?;
         lights.check(&scene.camera)?;
@@ -178,14 +200,39 @@ fn projection(camera: &Camera, near: f32) -> Mat4 {
 }
 
 impl Renderer for Settings {
-    fn prepare<'a>(&self, scene: &'a Scene) -> Result<Box<dyn Prepared + 'a>> {
-        if scene.lights.is_empty() && scene.environment.is_some() {
-            return Err(Error::input(
-                "the scene is lit by its environment alone, which `lights` does not draw; use --method environment or reference",
-            ));
-        }
+    fn name(&self) -> &'static str {
+        "lights"
+    }
+
+    fn open(&self, scene: &Scene, _: &Baked) -> Result<Box<dyn Player>> {
+        Method::find(self.name()).map_or(Ok(()), |method| method.check(scene))?;
         Ok(Box::new(Lights::new(self, scene, Gpu::open()?, None)?))
     }
+}
+
+/// What of a scene is not drawn.
+pub(super) fn cannot_draw(scene: &Scene) -> Vec<&'static str> {
+    let alone = scene.lights.is_empty() && scene.environment.is_some();
+    if alone { vec!["a scene that its environment alone lights"] } else { vec![] }
+}
+
+/// Storages and filters; the choice by error weighs those given.
+pub(super) fn variants(base: &Settings) -> Vec<Variant> {
+    let of = |name: String, weighed: bool, settings: Settings| Variant {
+        series: "lights",
+        name,
+        weighed,
+        renderer: Box::new(settings),
+    };
+    let storages = [Storage::Bits8, Storage::Bits8Scaled, Storage::F16].map(|storage| {
+        let name = format!("{}, {}", base.filtering.name(), storage.name());
+        of(name, false, Settings { storage, ..*base })
+    });
+    let filters = Filtering::ALL.into_iter().filter(|filtering| *filtering != base.filtering);
+    let filters =
+        filters.map(|filtering| of(filtering.name().into(), false, Settings { filtering, ..*base }));
+    let own = of(base.filtering.name().into(), true, *base);
+    storages.into_iter().chain(filters).chain([own]).collect()
 }
 
 /// Light from afar: WGSL that is appended to shaders/lights.wgsl and defines `distant_of`, and what it reads as group 1, the
@@ -196,39 +243,85 @@ pub(super) struct Distant {
 }
 
 /// A scene on the GPU.
-pub(super) struct Lights<'a> {
-    scene: &'a Scene,
-    gpu: Gpu,
+pub(super) struct Lights {
+    stage: Stage,
+    pub(super) gpu: Gpu,
     pass: pipeline::Pass,
     bytes: usize,
     prepare_seconds: f64,
 }
 
-impl<'a> Lights<'a> {
+impl Lights {
     /// Uploads a scene.
     ///
     /// # Errors
     /// Input errors for the scene and the settings, failures of the device.
     pub(super) fn new(
         settings: &Settings,
-        scene: &'a Scene,
+        scene: &Scene,
         gpu: Gpu,
         distant: Option<Distant>,
     ) -> Result<Self> {
         let start = Instant::now();
-        let uploads = Uploads::new(&settings.scene(scene)?, settings);
+        let stage = Stage::new(scene)?;
+        let uploads = Uploads::new(&settings.scene(&stage.now)?, settings);
         let more: u64 = distant.iter().flat_map(|distant| &distant.buffers).map(wgpu::Buffer::size).sum();
-        let near = near(scene);
-        let pass = gpu.guarded(|| pipeline::Pass::new(&gpu, &uploads, near, settings, distant.as_ref()))?;
+        let near = near(&stage.now);
+        let pass = gpu.guarded(|| pipeline::Pass::new(&gpu, &uploads, near, settings, distant))?;
         let bytes = uploads.bytes() + more as usize;
-        Ok(Self { scene, gpu, pass, bytes, prepare_seconds: start.elapsed().as_secs_f64() })
+        Ok(Self { stage, gpu, pass, bytes, prepare_seconds: start.elapsed().as_secs_f64() })
     }
 
-    /// Counts what was done before the upload as well.
-    #[must_use]
-    pub(super) fn since(mut self, start: Instant) -> Self {
-        self.prepare_seconds = start.elapsed().as_secs_f64();
-        self
+    /// Goes to another state; `sky` gives the uniform of light from afar by the environment's rotation.
+    pub(super) fn go(
+        &mut self,
+        state: &State,
+        sky: impl Fn(&Gpu, f32) -> Result<wgpu::Buffer>,
+    ) -> Result<Changes> {
+        let changes = self.stage.go(state)?;
+        if changes == Changes::default() {
+            return Ok(changes);
+        }
+        let (gpu, pass, scene) = (&self.gpu, &mut self.pass, &self.stage.now);
+        gpu.guarded(|| {
+            let near = if changes.triangles { near(scene) } else { 0.0 };
+            pass.follow(gpu, scene, changes, near)?;
+            let turned = scene.environment.as_ref().filter(|_| changes.turn && pass.has_distant());
+            if let Some(environment) = turned {
+                pass.turn(gpu, sky(gpu, environment.rotation)?);
+            }
+            Ok(())
+        })?;
+        Ok(changes)
+    }
+
+    /// Draws a view of the state it is in.
+    pub(super) fn draw(&self, camera: &Camera) -> Result<Rendering> {
+        self.check(camera)?;
+        let start = Instant::now();
+        let mut pixels = self.gpu.guarded(|| self.pass.draw(&self.gpu, camera))?;
+
+        // The background shows through wherever coverage is not whole.
+        let (width, height) = (camera.width as usize, camera.height as usize);
+        let rays = Rays::new(camera);
+        for (index, pixel) in pixels.iter_mut().enumerate() {
+            if pixel.w < 1.0 {
+                let direction = rays.direction((index % width) as f32 + 0.5, (index / width) as f32 + 0.5);
+                let behind = shading::background(&self.stage.now, direction);
+                *pixel += (behind * (1.0 - pixel.w)).extend(0.0);
+            }
+        }
+        let cost = Cost {
+            prepare_seconds: self.prepare_seconds,
+            render_seconds: start.elapsed().as_secs_f64(),
+            memory_bytes: (self.bytes + self.pass.target_bytes(camera)) as u64,
+            samples: self.pass.samples(),
+            draws: self.pass.draws(),
+            ..Cost::default()
+        };
+        let picture = Picture { width, height, pixels };
+        let (adapter, note) = (Some(self.gpu.name()), self.pass.note());
+        Ok(Rendering { picture, variance: None, cost, redone: vec![], adapter, note })
     }
 
     /// Refuses views that cannot be drawn.
@@ -240,33 +333,25 @@ impl<'a> Lights<'a> {
         }
         Ok(())
     }
+
+    /// Goes to a state and draws it.
+    pub(super) fn play(
+        &mut self,
+        state: &State,
+        sky: impl Fn(&Gpu, f32) -> Result<wgpu::Buffer>,
+    ) -> Result<Rendering> {
+        let start = Instant::now();
+        let changes = self.go(state, sky)?;
+        let light_seconds = changes.seconds_since(start);
+        let mut rendering = self.draw(&state.camera)?;
+        rendering.cost.light_seconds = light_seconds;
+        rendering.redone = changes.redone();
+        Ok(rendering)
+    }
 }
 
-impl Prepared for Lights<'_> {
-    fn view(&self, camera: &Camera) -> Result<Rendering> {
-        self.check(camera)?;
-        let start = Instant::now();
-        let mut pixels = self.gpu.guarded(|| self.pass.draw(&self.gpu, camera))?;
-
-        // The background shows through wherever coverage is not whole.
-        let (width, height) = (camera.width as usize, camera.height as usize);
-        let rays = Rays::new(camera);
-        for (index, pixel) in pixels.iter_mut().enumerate() {
-            if pixel.w < 1.0 {
-                let direction = rays.direction((index % width) as f32 + 0.5, (index / width) as f32 + 0.5);
-                *pixel += (shading::background(self.scene, direction) * (1.0 - pixel.w)).extend(0.0);
-            }
-        }
-        let cost = Cost {
-            prepare_seconds: self.prepare_seconds,
-            render_seconds: start.elapsed().as_secs_f64(),
-            memory_bytes: (self.bytes + self.pass.target_bytes(camera)) as u64,
-            samples: self.pass.samples(),
-            draws: self.pass.draws(),
-            rays: 0,
-        };
-        let picture = Picture { width, height, pixels };
-        let (adapter, note) = (Some(self.gpu.name()), self.pass.note());
-        Ok(Rendering { picture, variance: None, cost, adapter, note })
+impl Player for Lights {
+    fn frame(&mut self, state: &State) -> Result<Rendering> {
+        self.play(state, |_, _| Err(Error::failure("GPU: there is no light from afar to turn")))
     }
 }

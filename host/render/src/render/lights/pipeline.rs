@@ -6,14 +6,16 @@ use std::time::Instant;
 use glam::Vec4;
 use wgpu::{BufferUsages, TextureFormat, TextureUsages};
 
-use super::upload::Uploads;
+use super::upload::{self, Shape, Uploads};
 use super::{Distant, Filtering, Settings};
+use crate::render::shading;
+use crate::render::stage::Changes;
 use crate::render::storage::Storage;
-use crate::scene::Camera;
+use crate::scene::{Camera, Scene};
 use lobelia_base::error::{Error, Result};
 use lobelia_base::report::cpu_seconds;
 use lobelia_gpu::Gpu;
-use lobelia_gpu::lights::{NOT_DISTANT, SHADER, View};
+use lobelia_gpu::lights::{Material, NOT_DISTANT, SHADER, View};
 
 /// Seconds that a round of frames may take.
 const ROUND_SECONDS: f64 = 2.0;
@@ -26,10 +28,13 @@ pub(super) struct Pass {
     /// For objects that are whole, and for those with a mask.
     pipelines: [wgpu::RenderPipeline; 2],
     layout: wgpu::BindGroupLayout,
-    /// What light from afar reads.
-    distant: Option<wgpu::BindGroup>,
+    /// What light from afar reads, and how it is bound.
+    distant: Option<(Distant, wgpu::BindGroupLayout, wgpu::BindGroup)>,
     /// What the shader reads, but for the view.
     buffers: [wgpu::Buffer; 8],
+    /// Those of objects, then of rectangular lights.
+    materials: Vec<Material>,
+    shadows: bool,
     lamps: usize,
     offset: f32,
     /// Triangles of every object, and whether it has a mask.
@@ -55,7 +60,7 @@ impl Pass {
         uploads: &Uploads,
         near: f32,
         settings: &Settings,
-        distant: Option<&Distant>,
+        distant: Option<Distant>,
     ) -> Result<Self> {
         let wanted: Vec<_> = (SAMPLES.into_iter().filter(|&samples| samples <= settings.samples))
             .flat_map(|samples| {
@@ -66,29 +71,71 @@ impl Pass {
             gpu.target(&wanted).ok_or_else(|| Error::failure("GPU: it cannot draw to float textures"))?;
         let storage = BufferUsages::STORAGE;
         let mut layouts = vec![layout(gpu, 9)];
-        layouts.extend(distant.map(|distant| layout(gpu, distant.buffers.len() as u32)));
-        let shader = distant.map_or(NOT_DISTANT, |distant| distant.shader);
+        layouts.extend(distant.iter().map(|distant| layout(gpu, distant.buffers.len() as u32)));
+        let shader = distant.as_ref().map_or(NOT_DISTANT, |distant| distant.shader);
+        let shape = &uploads.shape;
         Ok(Self {
             pipelines: pipelines(gpu, &layouts, (format, samples), settings, uploads.extended, shader),
-            distant: distant.map(|distant| bind(gpu, &layouts[1], distant.buffers.iter())),
+            distant: distant.map(|distant| {
+                let group = bind(gpu, &layouts[1], distant.buffers.iter());
+                (distant, layouts[1].clone(), group)
+            }),
             layout: layouts.swap_remove(0),
             buffers: [
                 gpu.buffer("lamps", &uploads.lamps, storage)?,
                 gpu.buffer("materials", &uploads.materials, storage)?,
                 gpu.buffer("texels", &uploads.starts, storage)?,
                 gpu.buffer("coefficients", &uploads.words, storage)?,
-                gpu.buffer("vertices", uploads.vertices(), storage)?,
-                gpu.buffer("triangles", &uploads.mesh.triangles, storage)?,
-                gpu.buffer("tree", &uploads.nodes, storage)?,
-                gpu.buffer("leaves", &uploads.leaves, storage)?,
+                gpu.buffer("vertices", shape.vertices(), storage)?,
+                gpu.buffer("triangles", &shape.mesh.triangles, storage)?,
+                gpu.buffer("tree", &shape.nodes, storage)?,
+                gpu.buffer("leaves", &shape.leaves, storage)?,
             ],
             lamps: uploads.lamps.len(),
-            offset: uploads.offset,
-            runs: uploads.runs.clone(),
+            offset: shape.offset,
+            runs: shape.runs.iter().cloned().zip(uploads.materials.iter().map(|m| m.mask[1] > 0)).collect(),
+            materials: uploads.materials.clone(),
+            shadows: settings.shadows,
             near,
             format,
             samples,
         })
+    }
+
+    /// Goes on to another state of the same scene, of which it uploads what differs.
+    pub(super) fn follow(&mut self, gpu: &Gpu, scene: &Scene, changes: Changes, near: f32) -> Result<()> {
+        let storage = BufferUsages::STORAGE;
+        if changes.lights {
+            self.buffers[0] = gpu.buffer("lamps", &shading::lamps(&scene.lights), storage)?;
+            let shining: Vec<Material> = upload::shining(scene).collect();
+            if !shining.is_empty() {
+                self.materials.truncate(scene.objects.len());
+                self.materials.extend(shining);
+                self.buffers[1] = gpu.buffer("materials", &self.materials, storage)?;
+            }
+        }
+        if changes.triangles {
+            let shape = Shape::new(scene, self.shadows);
+            self.buffers[4] = gpu.buffer("vertices", shape.vertices(), storage)?;
+            self.buffers[5] = gpu.buffer("triangles", &shape.mesh.triangles, storage)?;
+            self.buffers[6] = gpu.buffer("tree", &shape.nodes, storage)?;
+            self.buffers[7] = gpu.buffer("leaves", &shape.leaves, storage)?;
+            (self.offset, self.near) = (shape.offset, near);
+        }
+        Ok(())
+    }
+
+    /// Whether there is light from afar.
+    pub(super) fn has_distant(&self) -> bool {
+        self.distant.is_some()
+    }
+
+    /// Gives the shader of light from afar another uniform.
+    pub(super) fn turn(&mut self, gpu: &Gpu, uniform: wgpu::Buffer) {
+        if let Some((distant, layout, group)) = &mut self.distant {
+            distant.buffers[0] = uniform;
+            *group = bind(gpu, layout, distant.buffers.iter());
+        }
     }
 
     /// What there is to say of the pictures.
@@ -202,7 +249,7 @@ impl Pass {
             ..Default::default()
         });
         pass.set_bind_group(0, bindings, &[]);
-        if let Some(distant) = &self.distant {
+        if let Some((.., distant)) = &self.distant {
             pass.set_bind_group(1, distant, &[]);
         }
         for (object, (run, masked)) in (0u32..).zip(&self.runs) {

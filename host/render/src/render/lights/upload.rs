@@ -26,31 +26,33 @@ pub(super) struct Uploads {
     pub(super) starts: Vec<u32>,
     /// Texels, then masks.
     pub(super) words: Vec<u32>,
-    pub(super) mesh: Mesh,
-    pub(super) nodes: Vec<Node>,
-    pub(super) leaves: Vec<Leaf>,
-    /// The run of triangles of every object and rectangular light, and whether parts of it are cut out.
-    pub(super) runs: Vec<(Range<u32>, bool)>,
-    pub(super) offset: f32,
+    pub(super) shape: Shape,
     /// Whether any material has lobes about normals of their own or that sharpen.
     pub(super) extended: bool,
+}
+
+/// The triangles of a scene, rectangular lights included.
+pub(super) struct Shape {
+    pub(super) mesh: Mesh,
+    /// The run of triangles of every object and rectangular light.
+    pub(super) runs: Vec<Range<u32>>,
+    /// The tree that shadow rays are tested with; empty without shadows.
+    pub(super) nodes: Vec<Node>,
+    pub(super) leaves: Vec<Leaf>,
+    /// Length by which rays are kept off the surface that they start from.
+    pub(super) offset: f32,
 }
 
 impl Uploads {
     /// Packs a scene that has the levels and coefficients to be drawn.
     pub(super) fn new(scene: &Scene, settings: &Settings) -> Self {
-        let (mesh, runs) = geometry::joined(scene);
         let mut uploads = Self {
             lamps: shading::lamps(&scene.lights),
             materials: vec![],
             starts: vec![],
             words: vec![],
-            offset: geometry::offset(&mesh),
             extended: scene.objects.iter().any(|object| object.material.is_extended()),
-            mesh,
-            nodes: vec![],
-            leaves: vec![],
-            runs: vec![],
+            shape: Shape::new(scene, settings.shadows),
         };
         for object in &scene.objects {
             uploads.add(&object.material, settings.storage);
@@ -62,21 +64,7 @@ impl Uploads {
                 uploads.words.extend(&mask.bits);
             }
         }
-        for light in &scene.lights {
-            if let Light::Rectangle { radiance, .. } = light {
-                let emission = radiance.to_array();
-                uploads.materials.push(lights::Material {
-                    emission,
-                    emits: 1,
-                    ..lights::Material::default()
-                });
-            }
-        }
-        if settings.shadows {
-            uploads.grow(&runs);
-        }
-        uploads.runs =
-            runs.into_iter().zip(&uploads.materials).map(|(run, m)| (run, m.mask[1] > 0)).collect();
+        uploads.materials.extend(shining(scene));
         uploads
     }
 
@@ -110,8 +98,41 @@ impl Uploads {
         });
     }
 
+    /// Bytes on the device.
+    pub(super) fn bytes(&self) -> usize {
+        size_of_val(&self.lamps[..])
+            + size_of_val(&self.materials[..])
+            + size_of_val(&self.starts[..])
+            + size_of_val(&self.words[..])
+            + size_of_val(&self.shape.mesh.vertices[..])
+            + size_of_val(&self.shape.mesh.triangles[..])
+            + size_of_val(&self.shape.nodes[..])
+            + size_of_val(&self.shape.leaves[..])
+    }
+}
+
+/// The materials of a scene's rectangular lights.
+pub(super) fn shining(scene: &Scene) -> impl Iterator<Item = lights::Material> {
+    scene.lights.iter().filter_map(|light| {
+        let Light::Rectangle { radiance, .. } = light else { return None };
+        Some(lights::Material { emission: radiance.to_array(), emits: 1, ..lights::Material::default() })
+    })
+}
+
+impl Shape {
+    /// Places a scene's triangles; with a tree where there are shadows.
+    pub(super) fn new(scene: &Scene, shadows: bool) -> Self {
+        let (mesh, runs) = geometry::joined(scene);
+        let offset = geometry::offset(&mesh);
+        let mut shape = Self { mesh, runs, nodes: vec![], leaves: vec![], offset };
+        if shadows {
+            shape.grow();
+        }
+        shape
+    }
+
     /// Builds the tree of triangles that shadow rays are tested with.
-    fn grow(&mut self, runs: &[Range<u32>]) {
+    fn grow(&mut self) {
         if self.mesh.triangles.is_empty() {
             return;
         }
@@ -122,7 +143,7 @@ impl Uploads {
         self.nodes = in_depth_first_order(&tree);
         let leaf = |&index: &u32| {
             let Triangle { v0, v1, v2 } = triangles[index as usize];
-            let object = runs.partition_point(|run| run.end <= index) as u32;
+            let object = self.runs.partition_point(|run| run.end <= index) as u32;
             Leaf::new(v0.to_array(), [(v0 - v1).to_array(), (v2 - v0).to_array()], index, object)
         };
         self.leaves = tree.primitive_indices.iter().map(leaf).collect();
@@ -132,18 +153,6 @@ impl Uploads {
     pub(super) fn vertices(&self) -> &[[Vec4; 3]] {
         const { assert!(size_of::<Vertex>() == size_of::<[Vec4; 3]>()) }
         bytemuck::cast_slice(&self.mesh.vertices)
-    }
-
-    /// Bytes on the device.
-    pub(super) fn bytes(&self) -> usize {
-        size_of_val(&self.lamps[..])
-            + size_of_val(&self.materials[..])
-            + size_of_val(&self.starts[..])
-            + size_of_val(&self.words[..])
-            + size_of_val(&self.mesh.vertices[..])
-            + size_of_val(&self.mesh.triangles[..])
-            + size_of_val(&self.nodes[..])
-            + size_of_val(&self.leaves[..])
     }
 }
 

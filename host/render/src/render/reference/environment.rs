@@ -8,8 +8,8 @@ use crate::scene::{Environment, environment::texture_of};
 use lobelia_reflectance::{Rgb, colour};
 
 /// An environment with the cumulative distributions of its rows and of the pixels of each row.
-pub(crate) struct Sampled<'a> {
-    environment: &'a Environment,
+pub(crate) struct Sampled {
+    environment: Environment,
     sin: f32,
     cos: f32,
     /// Cumulative probability of the rows, `height` + 1 entries.
@@ -32,9 +32,9 @@ pub(crate) struct Arriving {
     pub(crate) density: f32,
 }
 
-impl<'a> Sampled<'a> {
+impl Sampled {
     /// Prepares an environment; `None` when it is black.
-    pub(crate) fn new(environment: &'a Environment) -> Option<Self> {
+    pub(crate) fn new(environment: &Environment) -> Option<Self> {
         let (width, height) = (environment.width, environment.height);
         let edges: Vec<f64> =
             (0..=height).map(|row| (std::f64::consts::PI * row as f64 / height as f64).cos()).collect();
@@ -60,7 +60,7 @@ impl<'a> Sampled<'a> {
         }
         let (sin, cos) = environment.rotation.sin_cos();
         Some(Self {
-            environment,
+            environment: environment.clone(),
             sin,
             cos,
             rows: rows.iter().map(|sum| (sum / total) as f32).collect(),
@@ -68,6 +68,12 @@ impl<'a> Sampled<'a> {
             density: weights.iter().map(|weight| (weight / total) as f32).collect(),
             edges: edges.iter().map(|&edge| edge as f32).collect(),
         })
+    }
+
+    /// Turns it to a rotation.
+    pub(crate) fn turn(&mut self, rotation: f32) {
+        self.environment.rotation = rotation;
+        (self.sin, self.cos) = rotation.sin_cos();
     }
 
     /// Bytes held, the environment's own pixels included.

@@ -17,10 +17,12 @@ use std::time::Instant;
 use glam::{Vec3, Vec4};
 use rayon::prelude::*;
 
+use super::bake::Baked;
 use super::sampler::hash;
 use super::shading::Rays;
-use super::{Cost, Prepared, Renderer, Rendering, compare};
-use crate::scene::{Camera, Scene};
+use super::stage::{Changes, Stage};
+use super::{Cost, Player, Renderer, Rendering, Variant, compare};
+use crate::scene::{Camera, Scene, State};
 use budget::{Clock, Deadline};
 use lobelia_base::error::{Error, Result};
 use lobelia_base::progress;
@@ -78,20 +80,46 @@ impl Settings {
 }
 
 impl Renderer for Settings {
-    fn prepare<'a>(&self, scene: &'a Scene) -> Result<Box<dyn Prepared + 'a>> {
+    fn name(&self) -> &'static str {
+        "reference"
+    }
+
+    fn open(&self, scene: &Scene, _: &Baked) -> Result<Box<dyn Player>> {
         scene.check()?;
         self.check()?;
         let start = Instant::now();
-        let tracer = Tracer::new(scene, self.bounces);
-        Ok(Box::new(Ready { tracer, settings: *self, prepare_seconds: start.elapsed().as_secs_f64() }))
+        let stage = Stage::new(scene)?;
+        let tracer = Tracer::new(&stage.now, self.bounces);
+        let prepare_seconds = start.elapsed().as_secs_f64();
+        Ok(Box::new(Playing { stage, ready: Ready { tracer, settings: *self, prepare_seconds } }))
     }
 }
 
+/// Samples a pixel that charts show, with all bounces and with one.
+pub(super) fn variants(base: &Settings) -> Vec<Variant> {
+    let one = Settings { bounces: 1, ..*base };
+    let of = |series: &'static str, paths: Settings| {
+        [1, 4, 16, 64].map(move |samples| Variant {
+            series,
+            name: format!("{samples} samples"),
+            weighed: false,
+            renderer: Box::new(Settings { samples, seconds: None, max_error: None, ..paths }),
+        })
+    };
+    of("reference", *base).into_iter().chain(of("reference, one bounce", one)).collect()
+}
+
 /// A scene ready to be traced.
-struct Ready<'a> {
-    tracer: Tracer<'a>,
+struct Ready {
+    tracer: Tracer,
     settings: Settings,
     prepare_seconds: f64,
+}
+
+/// The same from frame to frame.
+struct Playing {
+    stage: Stage,
+    ready: Ready,
 }
 
 /// What is known of a pixel after some passes.
@@ -102,15 +130,23 @@ struct Pixel {
     spread: Vec3,
 }
 
-impl Prepared for Ready<'_> {
-    fn view(&self, camera: &Camera) -> Result<Rendering> {
-        camera.check()?;
+impl Player for Playing {
+    fn frame(&mut self, state: &State) -> Result<Rendering> {
         let start = Instant::now();
-        self.view_by(camera, &move || start.elapsed().as_secs_f64())
+        let changes = self.stage.go(state)?;
+        if changes != Changes::default() {
+            self.ready.tracer.follow(&self.stage.now, changes);
+        }
+        let light_seconds = changes.seconds_since(start);
+        let start = Instant::now();
+        let mut rendering = self.ready.view_by(&state.camera, &move || start.elapsed().as_secs_f64())?;
+        rendering.cost.light_seconds = light_seconds;
+        rendering.redone = changes.redone();
+        Ok(rendering)
     }
 }
 
-impl Ready<'_> {
+impl Ready {
     /// Renders a view by a clock.
     fn view_by(&self, camera: &Camera, clock: &Clock<'_>) -> Result<Rendering> {
         let start = clock();
@@ -169,11 +205,11 @@ impl Ready<'_> {
         cost.memory_bytes = (self.tracer.bytes() + size_of_val(&pixels[..])) as u64;
         let picture = Picture { width, height, pixels: pixels.iter().map(|pixel| pixel.mean).collect() };
         let variance = (done > 1).then(|| variance(&pixels, done));
-        Ok(Rendering { picture, variance, cost, adapter: None, note: None })
+        Ok(Rendering { picture, variance, cost, redone: vec![], adapter: None, note: None })
     }
 }
 
-impl Ready<'_> {
+impl Ready {
     /// Whether the error is as small as it shall be.
     fn is_exact(&self, pixels: &[Pixel], passes: u32) -> bool {
         self.settings.max_error.is_some_and(|error| {
@@ -192,7 +228,7 @@ fn variance(pixels: &[Pixel], passes: u32) -> Vec<Vec3> {
 
 /// A camera's view of a scene.
 struct View<'a> {
-    tracer: &'a Tracer<'a>,
+    tracer: &'a Tracer,
     rays: Rays,
     seed: u32,
     /// Pixels a row.

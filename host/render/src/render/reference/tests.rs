@@ -23,6 +23,7 @@ fn scene(mesh: Mesh, brdf: LobeBrdf, position: Vec3) -> Scene {
         background: Background::Colour(Rgb::ZERO),
         camera: Camera { position, target: Vec3::ZERO, up: Vec3::X, fov: 0.02, width: 5, height: 5 },
         animation: None,
+        parameters: vec![],
         exposure: 1.0,
     }
 }

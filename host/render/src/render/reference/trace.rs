@@ -11,6 +11,7 @@ use crate::render::geometry::{Geometry, Surface};
 use crate::render::materials::{Materials, Shader};
 use crate::render::sampler;
 use crate::render::shading;
+use crate::render::stage::Changes;
 use crate::scene::{Light, Scene};
 use lobelia_gpu::lights::Lamp;
 use lobelia_reflectance::Rgb;
@@ -89,11 +90,11 @@ struct Drawn {
 }
 
 /// A scene made ready.
-pub(super) struct Tracer<'a> {
-    scene: &'a Scene,
+pub(super) struct Tracer {
+    scene: Scene,
     geometry: Geometry,
     materials: Materials,
-    environment: Option<Sampled<'a>>,
+    environment: Option<Sampled>,
     /// Lights without extent.
     lamps: Vec<Lamp>,
     rectangles: Vec<(Rectangle, Rgb)>,
@@ -101,24 +102,34 @@ pub(super) struct Tracer<'a> {
     bounces: u32,
 }
 
-impl<'a> Tracer<'a> {
+impl Tracer {
     /// Builds the tree and the tables.
-    pub(super) fn new(scene: &'a Scene, bounces: u32) -> Self {
-        let is_rectangle = |light: &Light| matches!(light, Light::Rectangle { .. });
-        let points: Vec<Light> = scene.lights.iter().filter(|light| !is_rectangle(light)).copied().collect();
-        let rectangles = scene.lights.iter().filter_map(|light| match *light {
-            Light::Rectangle { centre, edges, radiance } => Some((Rectangle::new(centre, edges), radiance)),
-            _ => None,
-        });
+    pub(super) fn new(scene: &Scene, bounces: u32) -> Self {
+        let (lamps, rectangles) = emitters(scene);
         Self {
-            scene,
             geometry: Geometry::new(scene),
             materials: Materials::new(scene),
             environment: scene.environment.as_ref().and_then(Sampled::new),
-            lamps: shading::lamps(&points),
-            rectangles: rectangles.collect(),
+            lamps,
+            rectangles,
             bounces,
+            scene: scene.clone(),
         }
+    }
+
+    /// Goes on to another state of the same scene, of which it redoes what differs.
+    pub(super) fn follow(&mut self, scene: &Scene, changes: Changes) {
+        if changes.triangles {
+            self.geometry = Geometry::new(scene);
+        }
+        if changes.lights {
+            self.materials.relight(scene);
+            (self.lamps, self.rectangles) = emitters(scene);
+        }
+        if let (Some(sampled), Some(environment)) = (&mut self.environment, &scene.environment) {
+            sampled.turn(environment.rotation);
+        }
+        self.scene = scene.clone();
     }
 
     /// Bytes held for the scene.
@@ -137,7 +148,7 @@ impl<'a> Tracer<'a> {
     ) -> Traced {
         rays[0] += 1;
         let Some(hit) = self.geometry.nearest(origin, direction) else {
-            return Traced::ended(shading::background(self.scene, direction), 0.0);
+            return Traced::ended(shading::background(&self.scene, direction), 0.0);
         };
         let object = self.geometry.object(&hit);
         if let Some(emission) = self.materials.emission(object) {
@@ -292,6 +303,17 @@ impl<'a> Tracer<'a> {
         *rays += 1;
         if self.geometry.occluded(surface, arriving.direction, distance) { Rgb::ZERO } else { share }
     }
+}
+
+/// A scene's lights without extent, and its rectangles.
+fn emitters(scene: &Scene) -> (Vec<Lamp>, Vec<(Rectangle, Rgb)>) {
+    let is_rectangle = |light: &Light| matches!(light, Light::Rectangle { .. });
+    let points: Vec<Light> = scene.lights.iter().filter(|light| !is_rectangle(light)).copied().collect();
+    let rectangles = scene.lights.iter().filter_map(|light| match *light {
+        Light::Rectangle { centre, edges, radiance } => Some((Rectangle::new(centre, edges), radiance)),
+        _ => None,
+    });
+    (shading::lamps(&points), rectangles.collect())
 }
 
 /// p² / (p² + q²), by the ratio so that the squares stay in range.
