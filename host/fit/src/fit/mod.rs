@@ -23,6 +23,7 @@ pub mod lm;
 pub mod model;
 pub mod pool;
 pub mod quadratic;
+pub mod request;
 pub mod samples;
 pub mod separable;
 pub mod start;
