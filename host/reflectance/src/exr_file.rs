@@ -50,9 +50,13 @@ pub fn read(
     choose: impl Fn(&[&str]) -> Option<Vec<String>>,
 ) -> Result<ExrLayer, FormatError> {
     let named = |what: String| FormatError::Invalid(format!("{}: {what}", path.display()));
-    let file = File::open(path).map_err(|error| named(format!("cannot be read: {error}")))?;
-    let length = file.metadata().map_err(|error| named(format!("cannot be read: {error}")))?.len();
-    let broken = |error: exr::error::Error| named(sentence(&error));
+    let unreadable = |what: String, source: Box<dyn std::error::Error + Send + Sync>| {
+        FormatError::Unreadable { message: format!("{}: {what}", path.display()), source }
+    };
+    let no_file = |error: std::io::Error| unreadable(format!("cannot be read: {error}"), error.into());
+    let file = File::open(path).map_err(no_file)?;
+    let length = file.metadata().map_err(no_file)?.len();
+    let broken = |error: exr::error::Error| unreadable(sentence(&error), error.into());
     let reader = block::read(BufReader::new(file), false).map_err(broken)?;
 
     let (index, channels) = chosen(reader.headers(), &choose)
