@@ -28,6 +28,7 @@
 //! ```
 
 pub mod edit;
+pub mod findings;
 pub mod fit;
 pub mod synth;
 pub mod warning;

@@ -24,6 +24,7 @@ pub mod model;
 pub mod noted;
 pub mod pool;
 pub mod quadratic;
+pub mod request;
 pub mod samples;
 pub mod separable;
 pub mod start;

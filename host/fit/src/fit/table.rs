@@ -18,10 +18,13 @@ use lobelia_base::error::{Error, Result};
 use lobelia_base::figures::ErrorFigure;
 use lobelia_base::progress;
 use lobelia_base::random::Random;
-use lobelia_reflectance::{LobeBrdf, MeasuredTable, Microfacet, Rgb};
+use lobelia_reflectance::{LobeBrdf, MeasuredTable, Microfacet, Rgb, SbrdfMap};
 
 /// Rows whose incidence is this near a held-out angle are left out, degrees.
 pub const HOLD_OUT_WIDTH_DEG: f64 = 0.5;
+
+/// Wavelengths that stand for blue, green and red, nm.
+const WAVELENGTHS_NM: [f64; 3] = [450.0, 550.0, 650.0];
 
 /// What a fit of a table may change.
 const FREEDOM: Freedom = Freedom { isotropic: true, diffuse: true };
@@ -166,7 +169,7 @@ pub fn fit(
     check(table, sizes, options)?;
     let mut cases = Vec::new();
     for &wavelength_nm in wavelengths_nm {
-        let values = table.at_wavelength(wavelength_nm).map_err(|error| Error::input(error.to_string()))?;
+        let values = table.at_wavelength(wavelength_nm).map_err(Error::format)?;
         cases.extend(sizes.iter().map(|&size| (wavelength_nm, values.clone(), size)));
     }
     let bar = progress::bar("fitting", cases.len() as u64, "fits");
@@ -338,6 +341,48 @@ pub fn coloured(model: &Model, colour: Rgb) -> LobeBrdf {
         microfacets: coat.into_iter().collect(),
         ..LobeBrdf::default()
     }
+}
+
+/// The wavelengths to fit, nm, where none is named: the one of a table that has no other, else those of blue, green and red.
+pub fn wavelengths_nm(table: &MeasuredTable) -> Vec<f64> {
+    match &table.wavelengths_nm[..] {
+        [only] => vec![*only],
+        _ => WAVELENGTHS_NM.to_vec(),
+    }
+}
+
+/// A map of one texel of the fits to take: the longest wavelength as red, the shortest as blue, or a single one as grey.
+///
+/// # Errors
+/// Input errors: neither one wavelength nor three.
+pub fn map(fits: &[WavelengthFit], options: &TableOptions) -> Result<SbrdfMap> {
+    let mut channels: Vec<&WavelengthFit> = fits.iter().filter(|fit| fit.chosen).collect();
+    channels.sort_by(|a, b| b.wavelength_nm.total_cmp(&a.wavelength_nm));
+    let brdf = match channels[..] {
+        [red, green, blue] => brdf([red, green, blue]),
+        [grey] => coloured(&grey.model, Rgb::ONE),
+        _ => return Err(no_colours(channels.len())),
+    };
+    let mut map = SbrdfMap::from_texels(1, 1, &[brdf]);
+    let join = |text: fn(&WavelengthFit) -> String| -> String {
+        channels.iter().map(|&fit| text(fit)).collect::<Vec<_>>().join(",")
+    };
+    for (key, value) in [
+        ("fit.method", options.method.name().to_string()),
+        ("fit.residual", options.residual.name().to_string()),
+        ("fit.wavelengths_nm", join(|fit| fit.wavelength_nm.to_string())),
+        ("fit.lobes", join(|fit| fit.size.to_string())),
+    ] {
+        map.attributes.insert(key.into(), value);
+    }
+    Ok(map)
+}
+
+/// What is wrong where a map is to be made of a number of wavelengths that are no colours.
+pub fn no_colours(wavelengths: usize) -> Error {
+    Error::input(format!(
+        "-o writes red, green and blue, or grey: give one or three --wavelengths-nm, not {wavelengths}"
+    ))
 }
 
 /// The figures of a list of fits, as reports hold them.

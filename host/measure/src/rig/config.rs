@@ -662,6 +662,7 @@ impl RigConfig {
     pub fn with_settings(&self, settings: &[String]) -> lobelia_base::Result<Self> {
         let mut file = toml::Value::try_from(self).map_err(|error| {
             lobelia_base::Error::input(format!("the rig's file cannot be read back: {error}"))
+                .caused_by(error)
         })?;
         for setting in settings {
             let refused = |why: &str| lobelia_base::Error::input(format!("--set {setting}: {why}"));

@@ -65,8 +65,9 @@ impl RigConfig {
 
     /// No number of the file, wherever it stands, is NaN or infinite.
     fn numbers_are_finite(&self) -> Result<()> {
-        let file = toml::Value::try_from(self)
-            .map_err(|error| Error::input(format!("the rig's file cannot be read back: {error}")))?;
+        let file = toml::Value::try_from(self).map_err(|error| {
+            Error::input(format!("the rig's file cannot be read back: {error}")).caused_by(error)
+        })?;
         match not_finite(&file, String::new()) {
             Some(key) => Err(refused(&key, "is not a finite number")),
             None => Ok(()),
