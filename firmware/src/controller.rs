@@ -489,13 +489,14 @@ impl<B: Board> Controller<B> {
     /// where pins can't be trusted.
     fn raise(&mut self, now_us: u64, fault: Fault, axis: Option<Axis>) {
         let mut safe = true;
-        // An arm whose motor is released falls: only where somebody may be caught, drivers burn, or pins do what they like.
-        let danger = matches!(fault, Fault::EmergencyStop | Fault::OverTemperature | Fault::Hardware);
+        // An arm whose motor is released falls: only where somebody may be caught, or pins do what they like.
+        let release = matches!(fault, Fault::EmergencyStop | Fault::Hardware);
+        let dark = release || fault == Fault::OverTemperature;
         for drive in &mut self.axes {
-            safe &= drive.cut(&mut self.pulses, danger).is_ok();
+            safe &= drive.cut(&mut self.pulses, release).is_ok();
         }
         safe &= self.shutter.close().is_ok();
-        if danger {
+        if dark {
             safe &= self.lamp.put_out(now_us).is_ok();
         }
         // Each axis's alarm is told, not only the first.

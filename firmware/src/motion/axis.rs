@@ -353,6 +353,17 @@ impl<B: Board> AxisDrive<B> {
         self.taken_up = false;
     }
 
+    /// Whether an axis that turns round and round is wound up by over a turn more than its cables bear in moves.
+    pub(crate) fn is_wound_beyond(&self, position: i32, p: &AxisParameters) -> bool {
+        let turn = i64::from(p.full_turn_steps);
+        if turn == 0 || self.full_turn != p.full_turn_steps {
+            return false;
+        }
+        let wound = self.wound.unwrap_or(i64::from(self.turns) * turn) + i64::from(position);
+        let slack = (i64::from(p.most_turns) + 1) * turn;
+        !(i64::from(p.min_steps) - slack..=i64::from(p.max_steps) + slack).contains(&wound)
+    }
+
     /// Brakes where that was asked for, and goes on to what follows the run when it has ended, if the plan may be `changed`.
     pub(crate) fn poll(
         &mut self,
