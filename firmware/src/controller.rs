@@ -17,7 +17,7 @@ use lobelia_protocol::{
     Outcome, Refusal, Request, Status, ToController,
 };
 
-use crate::board::{AxisPins, Board, Line, Options, Peripherals, PinFailure, set};
+use crate::board::{AxisPins, Board, Options, Peripherals};
 use crate::homing::{Homing, Purpose};
 use crate::lamp::Lamp;
 use crate::link::Link;
@@ -25,6 +25,7 @@ use crate::motion::axis::AxisDrive;
 use crate::motion::changes::Changes;
 use crate::motion::keep_out::Sweep;
 use crate::motion::pulses::{Pulses, PulsesCell};
+use crate::pin::{Line, PinFailure, set};
 use crate::safety::alarm::Alarms;
 use crate::safety::{EmergencyStop, Safety};
 use crate::shutter::Shutter;

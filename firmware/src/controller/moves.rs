@@ -6,11 +6,12 @@ use core::array;
 use lobelia_protocol::{AXES, Answer, Axis, Configuration, Fault, Field, HomingReport, Outcome, Refusal};
 
 use super::{Controller, Running, Task, Trouble};
-use crate::board::{Board, PinFailure};
+use crate::board::Board;
 use crate::homing::{Homing, Progress, Purpose};
 use crate::motion::axis::{AxisDrive, Plan};
 use crate::motion::keep_out::{self, Sweep};
 use crate::motion::pulses::{PulsesCell, Trip};
+use crate::pin::PinFailure;
 
 /// How often a homing may approach its switch.
 const APPROACHES: core::ops::RangeInclusive<u8> = 1..=100;

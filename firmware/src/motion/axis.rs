@@ -5,13 +5,14 @@
 
 use lobelia_protocol::{AxisParameters, HomeDirection, Pin, Pins};
 
-use crate::board::{Board, Line, PinFailure, set};
+use crate::board::Board;
 use crate::motion::changes::Changes;
 use crate::motion::fixed::TICK_SHIFT;
 use crate::motion::keep_out::{Sweep, hull};
 use crate::motion::profile::{Limits, Times};
 use crate::motion::pulses::{PulsesCell, Watch};
 use crate::motion::stepper::Stepper;
+use crate::pin::{Line, PinFailure, set};
 
 /// Steps are handed over at least this long before they are due, in ticks: 6 ms.
 const AHEAD: u64 = 6000 << TICK_SHIFT;
