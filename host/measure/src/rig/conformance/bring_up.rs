@@ -20,7 +20,7 @@ const LOOKING_MS: u32 = 600_000;
 const SHORT_MS: u32 = 1000;
 
 /// What a processor's supply may be, mV.
-const SUPPLY_MV: RangeInclusive<u16> = 3150..=3450;
+const SUPPLY_MV: RangeInclusive<u16> = 3200..=3400;
 
 /// What somebody does at the rig, or looks at.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
