@@ -22,8 +22,8 @@ pub use hello::{Hello, HelloReply, Verdict};
 pub use message::{
     Answer, Axis, AxisParameters, Command, Configuration, CrashCause, CrashRecord, DriverParameters,
     DriverTrouble, EXPOSURE_US, Event, Exposure, Field, Happening, Health, HomeDirection, HomingReport,
-    KEEP_OUTS, KeepOut, LampStatus, LogLine, Outcome, Refusal, Request, Response, Settings, Status,
-    Telemetry,
+    KEEP_OUTS, KeepOut, LAMP_LONGEST_S, LampStatus, LogLine, Outcome, Refusal, Request, Response, Settings,
+    Status, Telemetry,
 };
 pub use packet::{CodecError, ToController, ToHost};
 pub use wiring::{Alarm, Pin, Pins};

@@ -11,6 +11,9 @@ use crate::wiring::{Alarm, Pins};
 /// How long a shutter may be open, µs.
 pub const EXPOSURE_US: core::ops::RangeInclusive<u32> = 100..=60_000_000;
 
+/// How long a lamp may burn at a stretch, s: a week at most, whatever anybody asks for.
+pub const LAMP_LONGEST_S: core::ops::RangeInclusive<u32> = 1..=604_800;
+
 /// The axes, in the order of every array of four.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Axis {
@@ -420,7 +423,7 @@ pub enum Refusal {
     Busy,
     /// An axis hasn't been homed.
     PositionUnknown(Axis),
-    /// A move beyond the limits.
+    /// A move beyond the limits; or a homing of an axis whose cables were wound up farther than they bear, by homings that found nothing.
     OutOfLimits(Axis),
     /// The lamp is off or not yet warm.
     LampNotWarm {
@@ -501,7 +504,7 @@ pub enum Field {
     StepRate,
     /// `axes` of a homing: none.
     Axes,
-    /// `lamp_longest_s`: 0.
+    /// `lamp_longest_s`: beyond [`LAMP_LONGEST_S`].
     LampTime,
     /// An axis's `alarm`: the board has no input for it.
     Alarm,
