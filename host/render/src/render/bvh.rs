@@ -19,8 +19,9 @@ const LEVELS: usize = 20;
 const WAITING: usize = LEVELS * (WIDTH - 1) + 1;
 /// Boxes are left a little later, so that rounding loses no triangle.
 const WIDER: f32 = 1.0 + 4.0 * f32::EPSILON;
-/// Barycentric coordinates so far outside still count: no ray slips between two triangles.
-const MARGIN: f32 = -1e-6;
+/// Barycentric coordinates so far outside still count, so that no ray slips between two triangles: so many roundoffs of the distance to
+/// the first corner times the longer edge, over twice the area that the ray sees.
+const MARGIN: f32 = 16.0 * f32::EPSILON;
 
 /// A node: its children's boxes, lane by lane.
 #[derive(Clone, Copy)]
@@ -41,6 +42,8 @@ struct Packet {
     e2: [Vec4; 3],
     /// e1 × e2.
     normal: [Vec4; 3],
+    /// [`MARGIN`] times the longer of e1 and e2.
+    margin: Vec4,
     triangles: [u32; WIDTH],
     /// Whether the leaf ends here.
     last: bool,
@@ -56,7 +59,7 @@ pub(crate) struct Bvh {
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Hit {
     pub(crate) triangle: u32,
-    /// Weights of the triangle's second and third corner, within [`MARGIN`] of 0..1.
+    /// Weights of the triangle's second and third corner, within rounding of 0..1.
     pub(crate) weights: [f32; 2],
 }
 
@@ -129,12 +132,14 @@ impl Bvh {
                     Vec4::from_array(std::array::from_fn(of))
                 })
             };
+            let longer = |t: &Triangle| Vec3A::splat(t.v0.distance(t.v1).max(t.v0.distance(t.v2)));
             let triangles = std::array::from_fn(|lane| four.get(lane).copied().unwrap_or_default());
             self.packets.push(Packet {
                 corner: lanes(&|t| t.v0),
                 e1: lanes(&|t| t.v0 - t.v1),
                 e2: lanes(&|t| t.v2 - t.v0),
                 normal: lanes(&|t| (t.v0 - t.v1).cross(t.v2 - t.v0)),
+                margin: lanes(&longer)[0] * MARGIN,
                 triangles,
                 last: false,
             });
@@ -296,8 +301,9 @@ impl Ray {
         let u = dot(&turned, &packet.e2) * inverse;
         let v = dot(&turned, &packet.e1) * inverse;
         let distance = dot(&packet.normal, &to) * inverse;
-        let margin = Vec4::splat(MARGIN);
-        let inside = u.cmpge(margin) & v.cmpge(margin) & (u + v).cmple(Vec4::ONE - margin);
+        let farthest = to[0].abs().max(to[1].abs()).max(to[2].abs());
+        let margin = packet.margin * farthest * inverse.abs();
+        let inside = u.min(v).min(Vec4::ONE - (u + v)).cmpge(-margin);
         let within = distance.cmpge(Vec4::ZERO) & distance.cmple(Vec4::splat(reach));
         ((inside & within).bitmask(), distance, [u, v])
     }
