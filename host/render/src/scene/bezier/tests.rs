@@ -100,10 +100,10 @@ fn the_teapot_is_closed_where_its_patches_are() {
                 let ring = |p: Vec3| [1.3, 1.4].iter().any(|r| (p.x.hypot(p.z) - r).abs() < 0.02);
                 let in_ring = |p: Vec3| (p.y - 2.4).abs() < 1e-5 && ring(p);
                 let mouth = |p: Vec3| p.x > 2.6 && (p.y - 2.4).abs() < 1e-5;
-                let root = |p: Vec3| p.z.abs() < 0.67 && (p.x.abs() - 1.5).abs() < 0.5 && p.y < 2.3;
+                let root = |p: Vec3| p.z.abs() < 0.67 && (p.x.abs() - 1.5).abs() < 0.6 && p.y < 2.3;
                 let base = |p: Vec3| !bottom && (p.y - 0.15).abs() < 1e-5;
                 let known = |p: Vec3| in_ring(p) || mouth(p) || root(p) || base(p);
-                assert!(known(a) && known(b), "a crack between {a} and {b}");
+                assert!(known(a) && known(b), "{bottom}: a crack between {a} and {b}");
             }
         }
     }
