@@ -15,7 +15,16 @@
 //! builtin = "studio"                    # or "sky", or file = "lobby.exr"
 //!
 //! [[object]]
-//! mesh = "drape"                        # sphere, plane, backdrop, drape, or a .gltf, .glb, .obj or .ply file
+//! mesh = "drape"                        # sphere, plane, backdrop, drape, or a .gltf, .glb, .obj, .ply or .bpt (Bézier patches) file
+//! # or a shape to a tolerance, how far triangles may be from it in units of the scene (1/2000 of its longest side when left out):
+//! # shape.sphere = { radius = 1.0, tolerance = 0.001 }
+//! # shape.torus = { radius = 1.0, tube = 0.3 }
+//! # shape.cylinder = { radius = 1.0, height = 2.0, lids = true }
+//! # shape.box = { size = [1.0, 1.0, 1.0] }
+//! # shape.lathe = { profile = [[0.0, 1.0], [1.0, 0.0]], smooth = false }  # radius, height; smooth: cubic Bézier pieces
+//! # shape.height_field = { file = "dunes.png", size = [4.0, 4.0], height = 0.5 }  # or heights = [[0.0, 0.1], [0.2, 0.0]]
+//! # shape.teapot = { bottom = true }
+//! # shape.bezier = { file = "patches.bpt" }
 //! [object.material]
 //! map = "weave.exr"                     # or published = "clay", or weave or check = ["clay", "felt"],
 //!                                       # or albedo, rho_d, beta_deg and lobes; weave.mip1.exr and so on are its MIP levels
@@ -53,6 +62,7 @@ use std::sync::Arc;
 use glam::{Affine3A, DVec3, EulerRot, Quat, Vec2, Vec3};
 use serde::Deserialize;
 
+use super::shape_file::ShapeFile;
 use super::state::Drive;
 use super::{
     Animation, Background, Camera, Environment, Filter, Light, Mask, Material, Mesh, Object, Parameter,
@@ -158,7 +168,8 @@ struct EnvironmentFile {
 #[serde(deny_unknown_fields)]
 struct ObjectFile {
     name: Option<String>,
-    mesh: String,
+    mesh: Option<String>,
+    shape: Option<ShapeFile>,
     #[serde(default)]
     translate: DVec3,
     /// Turns about x, then y, then z.
@@ -289,9 +300,11 @@ fn build(file: SceneFile, folder: &Path) -> Result<Scene> {
     let local = |point: DVec3| (point - origin).as_vec3();
     let mut objects = Vec::with_capacity(file.object.len());
     for (index, object) in file.object.iter().enumerate() {
-        let name = object.name.clone().unwrap_or_else(|| format!("{} {index}", object.mesh));
+        let kind = object.mesh.as_deref().or(object.shape.as_ref().map(ShapeFile::name));
+        let kind = kind.unwrap_or("object");
+        let name = object.name.clone().unwrap_or_else(|| format!("{kind} {index}"));
         let place = format!("object \"{name}\"");
-        let (mesh, middle) = mesh(&object.mesh, folder).map_err(|error| error.at("key mesh").at(&place))?;
+        let (mesh, middle) = geometry(object, folder).map_err(|error| error.at(&place))?;
         let material =
             material(&object.material, folder).map_err(|error| error.at("key material").at(&place))?;
         let [x, y, z] = object.rotate_deg.to_array().map(f32::to_radians);
@@ -412,6 +425,17 @@ impl Names {
     }
 }
 
+/// The triangles of an object, and what their positions are relative to.
+fn geometry(object: &ObjectFile, folder: &Path) -> Result<(Mesh, DVec3)> {
+    match (&object.mesh, &object.shape) {
+        (Some(name), None) => mesh(name, folder).map_err(|error| error.at("key mesh")),
+        (None, Some(shape)) => {
+            shape.mesh(folder, object.scale).map_err(|error| error.at(format!("key shape.{}", shape.name())))
+        }
+        _ => Err(Error::input("name exactly one of mesh and shape")),
+    }
+}
+
 /// A procedural shape by name, or a file; and what its positions are relative to.
 fn mesh(name: &str, folder: &Path) -> Result<(Mesh, DVec3)> {
     let shape = |mesh| Ok((mesh, DVec3::ZERO));
@@ -422,7 +446,7 @@ fn mesh(name: &str, folder: &Path) -> Result<(Mesh, DVec3)> {
         "drape" => shape(shapes::drape(224)),
         file if Path::new(file).extension().is_some() => Mesh::read(&folder.join(file)),
         other => Err(Error::input(format!(
-            "there is no shape \"{other}\"; use one of {} or a .gltf, .glb, .obj or .ply file",
+            "there is no shape \"{other}\"; use one of {} or a .gltf, .glb, .obj, .ply or .bpt file",
             either(&["sphere", "plane", "backdrop", "drape"])
         ))),
     }
@@ -594,6 +618,86 @@ mod tests {
         assert_eq!(scene.background, Background::Colour(Rgb::ONE));
         assert_eq!(scene.lights[0], Light::Directional { toward: Vec3::Y, irradiance: Rgb::ONE });
         assert_eq!(scene.objects[0].transform.transform_point3(Vec3::X), Vec3::new(3.0, 0.0, 0.0));
+    }
+
+    #[test]
+    fn every_shape_is_read_and_wrong_keys_are_refused_with_their_line() {
+        let object = |shape: &str| {
+            read(&format!(
+                "{CAMERA}[[object]]\nscale = [2, 2, 2]\n{shape}\nmaterial.albedo = [0.5, 0.5, 0.5]\n"
+            ))
+        };
+        for (shape, name, high) in [
+            ("shape.sphere = { tolerance = 0.01 }", "sphere 0", 2.0),
+            ("shape.torus = { radius = 2, tube = 0.5 }", "torus 0", 1.0),
+            ("shape.cylinder = { height = 3, lids = false }", "cylinder 0", 3.0),
+            ("shape.box = { size = [1, 2, 3] }", "box 0", 2.0),
+            ("shape.lathe = { profile = [[0, 1], [1, 0]] }", "lathe 0", 2.0),
+            (
+                "shape.height_field = { heights = [[0, 1], [0, 1]], size = [1, 1], height = 3 }",
+                "height_field 0",
+                6.0,
+            ),
+            ("shape.teapot = { bottom = false, tolerance = 0.05 }", "teapot 0", 6.3),
+        ] {
+            let scene = object(shape).unwrap();
+            let found = &scene.objects[0];
+            let top = found.transform.transform_point3(found.mesh.bounds().1).y;
+            assert!(found.name == name && (top - high).abs() < 5e-3, "{} {top}", found.name);
+        }
+        // The tolerance is one of the scene: at twice the scale there are twice the triangles.
+        let count = |scale: f32| {
+            let text = format!(
+                "{CAMERA}[[object]]\nscale = [{scale:?}, 1, 1]\nshape.sphere = {{ tolerance = 0.001 }}\nmaterial.published = \"clay\"\n"
+            );
+            read(&text).unwrap().objects[0].mesh.triangles.len() as f32
+        };
+        assert!((count(2.0) / count(1.0) - 2.0).abs() < 0.1, "{} {}", count(1.0), count(2.0));
+        for (shape, words) in [
+            ("shape.ball = {}", vec!["line 9", "`ball`", "`sphere`"]),
+            ("shape.sphere = { radios = 1 }", vec!["line 9", "unknown key `radios`", "`radius`"]),
+            ("shape.torus = { radius = 1 }", vec!["line 9", "`tube`"]),
+            ("shape.torus = { tube = 2 }", vec!["torus 0", "key shape.torus", "key tube"]),
+            ("shape.sphere = { tolerance = 0 }", vec!["sphere 0", "key tolerance"]),
+            ("shape.box = { size = [1, 1] }", vec!["line 9"]),
+            ("shape.bezier = { file = \"no.bpt\" }", vec!["key file", "no.bpt"]),
+            ("shape.height_field = { size = [1, 1] }", vec!["file and heights"]),
+            ("shape.height_field = { size = [1, 1], heights = [[1, 2], [1]] }", vec!["row 1 has 1"]),
+            ("shape.sphere = {}\nmesh = \"plane\"", vec!["exactly one of mesh and shape"]),
+            ("", vec!["object 0", "exactly one of mesh and shape"]),
+        ] {
+            let message = object(shape).unwrap_err().to_string();
+            for word in words.iter().chain(&["scene.toml"]) {
+                assert!(message.contains(word), "\"{word}\" is not in: {message}");
+            }
+        }
+    }
+
+    #[test]
+    fn patches_and_heights_are_read_from_files() {
+        let folder = tempfile::tempdir().unwrap();
+        let write = |name: &str, text: &str| std::fs::write(folder.path().join(name), text).unwrap();
+        let points: String = (0..16).map(|k| format!("{} {} 0\n", k / 4, k % 4)).collect();
+        write("flat.bpt", &format!("1\n3 3\n{points}"));
+        let picture =
+            image::ImageBuffer::from_fn(3, 2, |x, _| image::Luma([if x == 2 { u16::MAX } else { 0 }]));
+        picture.save(folder.path().join("step.png")).unwrap();
+        write(
+            "scene.toml",
+            &format!(
+                "{CAMERA}[[object]]\nmesh = \"flat.bpt\"\nmaterial.published = \"clay\"\n\
+                 [[object]]\nshape.bezier = {{ file = \"flat.bpt\" }}\nmaterial.published = \"clay\"\n\
+                 [[object]]\nshape.height_field = {{ file = \"step.png\", size = [2, 1], height = 0.5 }}\n\
+                 material.published = \"clay\"\n"
+            ),
+        );
+        let scene = Scene::read(&folder.path().join("scene.toml")).unwrap();
+        for object in &scene.objects[..2] {
+            assert_eq!(object.mesh.bounds(), (Vec3::ZERO, Vec3::new(3.0, 3.0, 0.0)));
+            assert_eq!(object.mesh.triangles.len(), 2);
+        }
+        let (low, high) = scene.objects[2].mesh.bounds();
+        assert!((high - Vec3::new(1.0, 0.5, 0.5)).length() < 1e-6 && low.y > -0.1, "{low} {high}");
     }
 
     #[test]
