@@ -37,7 +37,7 @@ fn leaving(normal: Vec3, least: f32, seed: &mut u32) -> Vec3 {
         let direction = on_sphere(seed);
         let direction = if direction.dot(normal) < 0.0 { -direction } else { direction };
         // Every third is flattened to the surface.
-        let lift = if *seed % 3 == 0 { 0.01 } else { 1.0 };
+        let lift = if seed.is_multiple_of(3) { 0.01 } else { 1.0 };
         let cosine = direction.dot(normal);
         let direction = (direction - normal * (cosine * (1.0 - lift))).normalize_or_zero();
         if direction.dot(normal) > least {

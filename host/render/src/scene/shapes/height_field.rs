@@ -90,13 +90,12 @@ impl Surface<'_> {
         let cell = place.floor().clamp(DVec2::ZERO, cells - 1.0);
         let [along_u, along_v] = (place - cell).to_array().map(weights);
         let mut found = [0.0; 3];
-        for j in 0..4 {
-            for i in 0..4 {
-                let height = self.sample(cell.y as isize + j as isize - 1, cell.x as isize + i as isize - 1);
-                found[0] += height * along_u[0][i] * along_v[0][j];
-                found[1] += height * along_u[1][i] * along_v[0][j] * cells.x;
-                found[2] += height * along_u[0][i] * along_v[1][j] * cells.y;
-            }
+        for (j, i) in (0..16).map(|k| (k / 4, k % 4)) {
+            let (row, column) = (j as isize - 1, i as isize - 1);
+            let height = self.sample(cell.y as isize + row, cell.x as isize + column);
+            found[0] += height * along_u[0][i] * along_v[0][j];
+            found[1] += height * along_u[1][i] * along_v[0][j] * cells.x;
+            found[2] += height * along_u[0][i] * along_v[1][j] * cells.y;
         }
         found
     }
