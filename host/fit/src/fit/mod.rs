@@ -2,17 +2,17 @@
 //!
 //! Five methods. [`Method::Separable`]: variable projection with the albedos of all channels in closed form ([`separable`]), for residuals
 //! that are linear in f. [`Method::Lm`]: shapes by Levenberg–Marquardt on luminance ([`lm`]) from a deterministic search for the start ([`start`]),
-//! then the colours by non-negative least squares ([`albedo`]); any number of lobes up to [`MOST_LOBES`]. [`Method::Ratio`]: the same with the published colours (4.10). [`Method::LineSearch`]: the
-//! published search over n for one lobe ([`line_search`]), above a percentile for ρ_d ([`diffuse`]); [`Method::LineSearchScaled`]: a variant of it that stands noise better.
+//! then the colours by non-negative least squares (`albedo`); any number of lobes up to [`MOST_LOBES`]. [`Method::Ratio`]: the same with the published colours (4.10). [`Method::LineSearch`]: the
+//! published search over n for one lobe ([`line_search`]), above a percentile for ρ_d (`diffuse`); [`Method::LineSearchScaled`]: a variant of it that stands noise better.
 //!
 //! [`pool`] fits one BRDF to all texels of a region; [`held_out`] tells errors on poses that were not fitted.
 
-pub mod albedo;
-pub mod brent;
+pub(crate) mod albedo;
+pub(crate) mod brent;
 pub mod chunks;
-pub mod coat;
+pub(crate) mod coat;
 pub mod conserve;
-pub mod diffuse;
+pub(crate) mod diffuse;
 pub mod evaluate;
 pub mod extensions;
 pub mod gpu;
@@ -24,7 +24,7 @@ pub mod model;
 mod options;
 mod planes;
 pub mod pool;
-pub mod quadratic;
+pub(crate) mod quadratic;
 pub mod request;
 pub mod samples;
 pub mod separable;

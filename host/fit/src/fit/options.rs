@@ -66,7 +66,7 @@ pub enum Device {
     /// The CPU, in f64.
     #[default]
     Cpu,
-    /// The GPU, in f32, finished in f64 ([`gpu`]); the separable method alone.
+    /// The GPU, in f32, finished in f64 ([`super::gpu`]); the separable method alone.
     Gpu,
 }
 
@@ -220,7 +220,7 @@ pub struct FitOptions {
     pub residual: Residual,
     /// What a sample's squared residual weighs beside what the residual says.
     pub weights: Weights,
-    /// Whether samples that lie far off weigh less, see [`separable::robust`]; the separable method alone.
+    /// Whether samples that lie far off weigh less, see [`super::separable::robust`]; the separable method alone.
     pub robust: bool,
     /// What fits.
     pub device: Device,
