@@ -2,12 +2,12 @@
 //! whether the samples have standard deviations, the number of lobes by the method, the device by the time that it takes.
 
 use super::extensions::{Extensions, Microfacets};
-use super::table::{Size, Take};
+use super::table::{self, Size, TableOptions, Take};
 use super::weights::Weights;
 use super::{AlbedoBound, Device, Diffuse, FitOptions, MOST_LOBES, Method, Residual, chunks, gpu};
 use lobelia_base::error::{Error, Result};
-use lobelia_reflectance::SbrdfMap;
 use lobelia_reflectance::sampled::SampledStore;
+use lobelia_reflectance::{MeasuredTable, SbrdfMap};
 
 /// Lobes where the method cannot choose: what most materials need and no start fails on.
 const DEFAULT_LOBES: usize = 2;
@@ -59,25 +59,6 @@ pub enum Terms {
 }
 
 /// What is asked of a fit; `None` and [`Lobes::Auto`] leave it open. The default leaves all open that can be.
-///
-/// ```
-/// use lobelia_fit::fit::request::Request;
-/// # use lobelia_fit::synth;
-/// # use lobelia_reflectance::{Brdf, materials, sampled::SampledStore};
-/// # fn main() -> lobelia_base::Result<()> {
-/// # let folder = tempfile::tempdir().expect("a folder");
-/// # let path = folder.path().join("sampled.zarr");
-/// # let clay = materials::published("clay").expect("clay is published");
-/// # let options = synth::Options {
-/// #     width: 2, height: 1, texel_mm: 0.5, poses: 100, noise: 1e-3, relative_noise: 0.0, seed: 1,
-/// # };
-/// # synth::sample(&options, |_, _, wi, wo| clay.eval(wi, wo)).write_zarr(&path)?;
-/// let store = SampledStore::open(&path)?;
-/// let map = Request::default().fit(&store)?;
-/// assert_eq!([map.width, map.height], [store.width, store.height]);
-/// # Ok(())
-/// # }
-/// ```
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Request {
     /// Lobes.
@@ -204,6 +185,25 @@ impl Request {
         let (sizes, take) = self.sizes(method);
         let residual = self.residual.unwrap_or(Residual::Balanced);
         Ok(TableRequest { method, residual, sizes, take })
+    }
+
+    /// Fits a table at blue, green and red, or at its only wavelength: the map of one texel that `lobelia fit` writes, but for what that
+    /// says of who made it.
+    ///
+    /// # Errors
+    /// As [`Self::of_table`] and [`table::fit`].
+    pub fn fit_table(&self, measured: &MeasuredTable) -> Result<SbrdfMap> {
+        let TableRequest { method, residual, sizes, take } = self.of_table()?;
+        let options = TableOptions {
+            method,
+            residual,
+            hold_out_theta_deg: Vec::new(),
+            random_starts: 0,
+            seed: 0,
+            bound: self.bound,
+        };
+        let wavelengths_nm = table::wavelengths_nm(measured);
+        table::map(&table::fit(measured, &wavelengths_nm, &sizes, take, &options)?, &options)
     }
 
     fn method_for(&self, residual: Residual) -> Method {

@@ -431,4 +431,10 @@ fn the_command_and_the_library_decide_alike_and_make_the_same_map() {
         assert_eq!(map.attributes["fit.weights"], weights);
         assert!(map == SbrdfMap::read_exr(&output).unwrap());
     }
+    let (table, output) = (folder.path().join("paint.brdf"), folder.path().join("paint.exr"));
+    std::fs::write(&table, table_text()).unwrap();
+    fit_input(&parsed(&[table.to_str().unwrap(), "-o", output.to_str().unwrap()]), 1).unwrap();
+    let table = crate::reflectance::MeasuredTable::read(&table).unwrap();
+    let map = crate::fit::request::Request::default().fit_table(&table).unwrap();
+    assert!(map == SbrdfMap::read_exr(&output).unwrap());
 }
