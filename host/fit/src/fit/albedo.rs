@@ -12,7 +12,12 @@ use super::samples::{Samples, Target};
 const ROUNDS: usize = 8;
 
 /// Amplitudes of one channel: `x[0]` is ρ_d, then one a lobe. With `fixed_diffuse` ρ_d stays at that value.
-pub(crate) fn solve(samples: &Samples, target: &Target, model: &Model, fixed_diffuse: Option<f64>) -> Vec<f64> {
+pub(crate) fn solve(
+    samples: &Samples,
+    target: &Target,
+    model: &Model,
+    fixed_diffuse: Option<f64>,
+) -> Vec<f64> {
     let first = usize::from(fixed_diffuse.is_none());
     let size = first + model.lobes.len();
     let offset = fixed_diffuse.unwrap_or(0.0);

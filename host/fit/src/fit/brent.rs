@@ -22,7 +22,12 @@ pub(crate) struct Bracket {
 
 /// A bracket in the valley into which a first step from `start` leads: downhill with growing steps until the function rises again or the
 /// range ends.
-pub(crate) fn downhill(mut f: impl FnMut(f64) -> f64, start: f64, step: f64, [least, most]: [f64; 2]) -> Bracket {
+pub(crate) fn downhill(
+    mut f: impl FnMut(f64) -> f64,
+    start: f64,
+    step: f64,
+    [least, most]: [f64; 2],
+) -> Bracket {
     let (mut behind, mut at) = (start, start + step);
     let (first, mut value) = (f(behind), f(at));
     let mut stride = step;
