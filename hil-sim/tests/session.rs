@@ -330,7 +330,7 @@ fn driver_that_was_reset_at_rest_makes_its_position_unknown_before_it_is_set_up_
         rig.reset_driver(Axis::Pan);
         again(&mut host, &config);
         let outcome = host.ask(Command::MoveTo([200, 100, 100, 10_000]));
-        let lost = |outcome| matches!(outcome, Outcome::Refused(Refusal::Faulted(faults)) if faults.contains(Fault::DriverLost));
+        let lost = |outcome| matches!(outcome, Outcome::Refused(Refusal::Faulted(set)) if set.contains(Fault::DriverLost));
         let unknown = outcome == Outcome::Refused(Refusal::PositionUnknown(Axis::Pan));
         assert!(if number < 2 { unknown } else { lost(outcome) }, "{number}: {outcome:?}");
     }

@@ -233,7 +233,8 @@ pub enum Refusal {
     Busy,
     /// An axis hasn't been homed.
     PositionUnknown(Axis),
-    /// A move beyond the limits; or a homing of an axis whose cables were wound up farther than they bear, by homings that found nothing.
+    /// A move beyond the limits; or a homing of an axis whose cables were wound up farther than they bear, by
+    /// homings that found nothing.
     OutOfLimits(Axis),
     /// The lamp is off or not yet warm.
     LampNotWarm {

@@ -121,7 +121,8 @@ pub struct Settings {
     pub lamp_lease_ms: u32,
     /// The lamp's level when the lease has run out, of 65535; at 0 it is switched off.
     pub lamp_safe_level: u16,
-    /// The lamp is put out, with a fault, when it has burnt for this long, whoever asks for it; s, at least 1.
+    /// The lamp is put out, with a fault, when it has burnt for this long, whoever asks for it; s,
+    /// within [`LAMP_LONGEST_S`].
     pub lamp_longest_s: u32,
     /// How long the lamp's fan, where the board has an output for one, runs on when the lamp has gone out, s.
     pub fan_run_on_s: u16,

@@ -9,8 +9,9 @@ use crate::driver::tmc2209::Tmc2209;
 use crate::homing::Purpose;
 
 impl<B: Board> Controller<B> {
-    /// Sets up each driver that has parameters. It takes 7 ms an axis, in which nothing else is done. The position of one that did not have just
-    /// these is unknown from then on: it was reset at rest, so its arm may have moved, or its steps become others.
+    /// Sets up each driver that has parameters. It takes 7 ms an axis, in which nothing else is done. The position of
+    /// one that did not have just these is unknown from then on: it was reset at rest, so its arm may have moved, or
+    /// its steps become others.
     pub(super) fn set_up_drivers(&mut self, configuration: &Configuration) -> Result<(), Refusal> {
         for (axis, parameters) in Axis::ALL.into_iter().zip(&configuration.axes) {
             let Some(settings) = &parameters.driver else { continue };

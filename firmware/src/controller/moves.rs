@@ -42,7 +42,8 @@ impl<B: Board> Controller<B> {
         Ok(Task::Home(purpose, axes, searches))
     }
 
-    /// Refuses to home axes that earlier homings have wound up by a turn more than moves may, and more: each that finds nothing adds one.
+    /// Refuses to home axes that earlier homings have wound up by over a turn more than moves may: each that finds
+    /// nothing adds one.
     fn check_winding(&mut self, configuration: &Configuration, axes: [bool; AXES]) -> Result<(), Refusal> {
         let positions = self.positions();
         let too_far = |axis: &Axis| {

@@ -124,7 +124,8 @@ pub trait Operator {
     fn act(&mut self, act: Act) -> Result<bool>;
 }
 
-/// Walks through the first hour: supply, stop, switches, alarms, all that puts the lamp out, and each axis's homing. Ends at the first thing that is wrong.
+/// Walks through the first hour: supply, stop, switches, alarms, all that puts the lamp out, and each axis's homing.
+/// Ends at the first thing that is wrong.
 ///
 /// # Errors
 /// What is wrong, and what to look at; a port that fails.
