@@ -56,6 +56,7 @@ pub(crate) struct Hit {
 /// A ray with each coordinate in all lanes.
 struct Ray {
     origin: [Vec4; 3],
+    /// By [`Self::axes`].
     direction: [Vec4; 3],
     inverse: [Vec4; 3],
     /// Index of the face by which a box is entered, by axis.
@@ -267,7 +268,7 @@ impl Ray {
         let shear = |k: usize| Vec4::splat(direction[axes[k]] / direction[longest]);
         Self {
             origin: splat(origin),
-            direction: splat(direction),
+            direction: axes.map(|axis| Vec4::splat(direction[axis])),
             inverse: inverse.map(Vec4::splat),
             near: inverse.map(|i| usize::from(i < 0.0)),
             axes,
@@ -286,25 +287,25 @@ impl Ray {
         (enter.cmple(leave.min(Vec4::splat(reach))).bitmask(), enter)
     }
 
-    /// The triangles that the ray meets before `reach`, one bit each, and where: distance, and weights of the second and the third corner.
+    /// The triangles that the ray meets before `reach`, one bit each, and where: distance, and weights of the
+    /// second and the third corner.
     ///
-    /// Whether the ray passes inside is told by edges in the plane across it (Woop, Benthin and Wald 2013): an edge has the same value, but for the
-    /// sign, in both of its triangles, so that no ray slips between them. The distance is that of the plane, which is exact where the plane is along
-    /// two axes.
+    /// Whether the ray passes inside is told by edges in the plane across it (Woop, Benthin and Wald 2013):
+    /// an edge has the same value, but for the sign, in both of its triangles, so that no ray slips between
+    /// them. The distance is that of the plane, which is exact where the plane is along two axes.
     #[inline(always)]
     fn meets(&self, packet: &Packet, reach: f32) -> (u32, Vec4, [Vec4; 2]) {
         let [i, j, k] = self.axes.map(|axis| axis.min(2));
-        let [[ax, ay], [bx, by], [cx, cy]] = [0, 1, 2].map(|corner| {
-            let to = |axis: usize| packet.corners[corner][axis] - self.origin[axis];
-            let along = to(k);
-            [to(i) - self.shear[0] * along, to(j) - self.shear[1] * along]
-        });
+        let to = |corner: usize| [i, j, k].map(|axis| packet.corners[corner][axis] - self.origin[axis]);
+        let across = |to: [Vec4; 3]| [to[0] - self.shear[0] * to[2], to[1] - self.shear[1] * to[2]];
+        let first = to(0);
+        let [[ax, ay], [bx, by], [cx, cy]] = [first, to(1), to(2)].map(across);
         let (u, v, w) = (cx * by - cy * bx, ax * cy - ay * cx, bx * ay - by * ax);
         let (least, most) = (u.min(v).min(w), u.max(v).max(w));
         let inside = least.cmpge(Vec4::ZERO) | most.cmple(Vec4::ZERO);
-        let to: [Vec4; 3] = std::array::from_fn(|axis| packet.corners[0][axis] - self.origin[axis]);
+        let normal = [i, j, k].map(|axis| packet.normal[axis]);
         // A ray in the triangle's plane makes this NaN or infinite, which is a miss.
-        let distance = dot(&packet.normal, &to) / dot(&packet.normal, &self.direction);
+        let distance = dot(&normal, &first) / dot(&normal, &self.direction);
         let within = distance.cmpgt(Vec4::ZERO) & distance.cmplt(Vec4::splat(reach));
         let inverse = Vec4::ONE / (u + v + w);
         ((inside & within).bitmask(), distance, [v * inverse, w * inverse])

@@ -43,7 +43,8 @@ pub(crate) struct Surface {
     pub(crate) uv: Vec2,
     /// Index into the scene's objects, or beyond them a rectangular light.
     pub(crate) object: u32,
-    /// Length along the geometric normal by which the point may lie beside the plane that the tree tests rays against.
+    /// Length along the geometric normal by which the point may lie beside the plane that the tree tests rays
+    /// against.
     pub(crate) offset: f32,
 }
 
@@ -229,10 +230,11 @@ impl Geometry {
     }
 }
 
-/// How far a point of a triangle, computed from its weights and lifted by this much, may be beside the plane that
-/// the tree tests rays against, at most: with the unit roundoff ε, ε Σ |n| 8 |a| for the point's coordinates, and, since the test's normal
-/// N = e₁ × e₂ is rounded too, ε Σ Â 16 (|ab| + |ac|), where Â = (|e₁| × |e₂| with all terms positive) / |N|. Twice what a triangle needs by itself,
-/// for those beside it in the same plane (as in Pharr, Jakob and Humphreys 2023, section 6.8).
+/// How far a point of a triangle, computed from its weights and lifted by this much, may be beside the plane
+/// that the tree tests rays against, at most: with the unit roundoff ε, ε Σ |n| 8 |a| for the point's
+/// coordinates, and, since the test's normal N = e₁ × e₂ is rounded too, ε Σ Â 16 (|ab| + |ac|), where Â =
+/// (|e₁| × |e₂| with all terms positive) / |N|. Twice what a triangle needs by itself, for those beside it in
+/// the same plane (as in Pharr, Jakob and Humphreys 2023, section 6.8).
 fn rounding([a, ab, ac]: [Vec3; 3], cross: Vec3) -> f32 {
     const ROUNDOFF: f32 = f32::EPSILON / 2.0;
     let (ab, ac, length) = (ab.abs(), ac.abs(), cross.length());

@@ -199,3 +199,99 @@ impl HeightFieldFile {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scene::Scene;
+
+    const CAMERA: &str =
+        "[camera]\nposition = [0, 0, 4]\ntarget = [0, 0, 0]\nfov_deg = 40\nwidth = 8\nheight = 6\n";
+
+    fn read(text: &str) -> Result<Scene> {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("scene.toml");
+        std::fs::write(&path, text).unwrap();
+        Scene::read(&path)
+    }
+
+    #[test]
+    fn every_shape_is_read_and_wrong_keys_are_refused_with_their_line() {
+        let object = |shape: &str| {
+            read(&format!(
+                "{CAMERA}[[object]]\nscale = [2, 2, 2]\n{shape}\nmaterial.albedo = [0.5, 0.5, 0.5]\n"
+            ))
+        };
+        for (shape, name, high) in [
+            ("shape.sphere = { tolerance = 0.01 }", "sphere 0", 2.0),
+            ("shape.torus = { radius = 2, tube = 0.5 }", "torus 0", 1.0),
+            ("shape.cylinder = { height = 3, lids = false }", "cylinder 0", 3.0),
+            ("shape.box = { size = [1, 2, 3] }", "box 0", 2.0),
+            ("shape.lathe = { profile = [[0, 1], [1, 0]] }", "lathe 0", 2.0),
+            (
+                "shape.height_field = { heights = [[0, 1], [0, 1]], size = [1, 1], height = 3 }",
+                "height_field 0",
+                6.0,
+            ),
+            ("shape.teapot = { bottom = false, tolerance = 0.05 }", "teapot 0", 6.3),
+        ] {
+            let scene = object(shape).unwrap();
+            let found = &scene.objects[0];
+            let top = found.transform.transform_point3(found.mesh.bounds().1).y;
+            assert!(found.name == name && (top - high).abs() < 5e-3, "{} {top}", found.name);
+        }
+        // The tolerance is one of the scene: at twice the scale there are twice the triangles.
+        let count = |scale: f32| {
+            let text = format!(
+                "{CAMERA}[[object]]\nscale = [{scale:?}, 1, 1]\nshape.sphere = {{ tolerance = 0.001 }}\nmaterial.published = \"clay\"\n"
+            );
+            read(&text).unwrap().objects[0].mesh.triangles.len() as f32
+        };
+        assert!((count(2.0) / count(1.0) - 2.0).abs() < 0.1, "{} {}", count(1.0), count(2.0));
+        for (shape, words) in [
+            ("shape.ball = {}", vec!["line 9", "`ball`", "`sphere`"]),
+            ("shape.sphere = { radios = 1 }", vec!["line 9", "unknown key `radios`", "`radius`"]),
+            ("shape.torus = { radius = 1 }", vec!["line 9", "`tube`"]),
+            ("shape.torus = { tube = 2 }", vec!["torus 0", "key shape.torus", "key tube"]),
+            ("shape.sphere = { tolerance = 0 }", vec!["sphere 0", "key tolerance"]),
+            ("shape.box = { size = [1, 1] }", vec!["line 9"]),
+            ("shape.bezier = { file = \"no.bpt\" }", vec!["key file", "no.bpt"]),
+            ("shape.height_field = { size = [1, 1] }", vec!["file and heights"]),
+            ("shape.height_field = { size = [1, 1], heights = [[1, 2], [1]] }", vec!["row 1 has 1"]),
+            ("shape.sphere = {}\nmesh = \"plane\"", vec!["exactly one of mesh and shape"]),
+            ("", vec!["object 0", "exactly one of mesh and shape"]),
+        ] {
+            let message = object(shape).unwrap_err().to_string();
+            for word in words.iter().chain(&["scene.toml"]) {
+                assert!(message.contains(word), "\"{word}\" is not in: {message}");
+            }
+        }
+    }
+
+    #[test]
+    fn patches_and_heights_are_read_from_files() {
+        let folder = tempfile::tempdir().unwrap();
+        let write = |name: &str, text: &str| std::fs::write(folder.path().join(name), text).unwrap();
+        let points: String = (0..16).map(|k| format!("{} {} 0\n", k / 4, k % 4)).collect();
+        write("flat.bpt", &format!("1\n3 3\n{points}"));
+        let picture =
+            image::ImageBuffer::from_fn(3, 2, |x, _| image::Luma([if x == 2 { u16::MAX } else { 0 }]));
+        picture.save(folder.path().join("step.png")).unwrap();
+        write(
+            "scene.toml",
+            &format!(
+                "{CAMERA}[[object]]\nmesh = \"flat.bpt\"\nmaterial.published = \"clay\"\n\
+                 [[object]]\nshape.bezier = {{ file = \"flat.bpt\" }}\nmaterial.published = \"clay\"\n\
+                 [[object]]\nshape.height_field = {{ file = \"step.png\", size = [2, 1], height = 0.5 }}\n\
+                 material.published = \"clay\"\n"
+            ),
+        );
+        let scene = Scene::read(&folder.path().join("scene.toml")).unwrap();
+        for object in &scene.objects[..2] {
+            assert_eq!(object.mesh.bounds(), (Vec3::ZERO, Vec3::new(3.0, 3.0, 0.0)));
+            assert_eq!(object.mesh.triangles.len(), 2);
+        }
+        let (low, high) = scene.objects[2].mesh.bounds();
+        assert!((high - Vec3::new(1.0, 0.5, 0.5)).length() < 1e-6 && low.y > -0.1, "{low} {high}");
+    }
+}

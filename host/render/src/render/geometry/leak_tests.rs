@@ -1,4 +1,5 @@
-//! Rays that leave surfaces of closed meshes: none that goes outwards meets the mesh again, and none that goes inwards gets out.
+//! Rays that leave surfaces of closed meshes: none that goes outwards meets the mesh again, and none that
+//! goes inwards gets out.
 
 use std::sync::Arc;
 
@@ -61,7 +62,8 @@ fn scene(meshes: Vec<(Mesh, Affine3A)>) -> Scene {
     scene
 }
 
-/// Counts faults of a convex mesh of about size 1 about its own origin, first of the scene; `half` are half the sides of a box within it.
+/// Counts faults of a convex mesh of about size 1 about its own origin, first of the scene; `half` are half
+/// the sides of a box within it.
 fn faults(geometry: &Geometry, transform: &Affine3A, half: Vec3, least: f32) -> Faults {
     let mut faults = Faults::default();
     let seed = &mut 1;
@@ -133,10 +135,12 @@ fn closed_meshes_neither_shadow_themselves_nor_leak_whatever_their_size_and_plac
                     meshes.push((shapes::plane(1), floor));
                 }
                 let geometry = Geometry::new(&scene(meshes));
-                // Far away, vertices in single precision are off the shape by so much that flat rays meet real steps.
+                // Far away, vertices in single precision are off the shape by so much that flat rays meet
+                // real steps.
                 let least = if far > 0.0 { 2e-3 } else { 1e-5 };
                 let found = faults(&geometry, &transform, half, least);
-                // There, too, a point may come to lie on the other side of an edge: one path in 10,000 of them at most.
+                // There, too, a point may come to lie on the other side of an edge: one path in 10,000 of
+                // them at most.
                 let most = if far > 0.0 { found.rays / 20_000 } else { 0 };
                 if found.shadowed > 0 || found.leaked > most {
                     wrong.push(format!(

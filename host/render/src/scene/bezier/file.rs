@@ -1,6 +1,7 @@
-//! Files of bicubic patches, `.bpt`. Numbers stand between blanks or commas, `#` begins a comment. First is the number of patches; then
-//! either, as in Newell's list, sixteen indices a patch, the number of points and the points (the least index, 0 or 1, tells from where they
-//! count); or a patch after the other, its degrees `3 3` and sixteen points.
+//! Files of bicubic patches, `.bpt`. Numbers stand between blanks or commas, `#` begins a comment. First is
+//! the number of patches; then either, as in Newell's list, sixteen indices a patch, the number of points and
+//! the points (the least index, 0 or 1, tells from where they count); or a patch after the other, its degrees
+//! `3 3` and sixteen points.
 
 use std::path::Path;
 

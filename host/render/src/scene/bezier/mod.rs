@@ -1,4 +1,5 @@
-//! Surfaces of bicubic Bézier patches: points, derivatives, normals with their limits at degenerate edges, and triangles to a tolerance.
+//! Surfaces of bicubic Bézier patches: points, derivatives, normals with their limits at degenerate edges,
+//! and triangles to a tolerance.
 
 mod file;
 mod tessellate;
@@ -76,8 +77,8 @@ impl Patch {
         }
     }
 
-    /// The unit normal along du × dv. Where that vanishes, its limit from within the patch: of the derivative of
-    /// du × dv along u, else along v, else of a point a little further in.
+    /// The unit normal along du × dv. Where that vanishes, its limit from within the patch: of the derivative
+    /// of du × dv along u, else along v, else of a point a little further in.
     pub fn normal(&self, u: f64, v: f64) -> DVec3 {
         let size = self.size();
         let has_length = |n: DVec3| (n.length() > DEGENERATE * size * size).then(|| n.normalize());
@@ -113,8 +114,8 @@ impl Patch {
 }
 
 impl Patches {
-    /// Patches of control points by index; control points at one place become one. The outside is where the enclosed volume is
-    /// positive; patches that enclose none face along du × dv.
+    /// Patches of control points by index; control points at one place become one. The outside is where the
+    /// enclosed volume is positive; patches that enclose none face along du × dv.
     ///
     /// # Errors
     /// Input errors for no patches, an index beyond the points, and numbers that are not finite.
@@ -179,7 +180,8 @@ impl Patches {
         ((high - low).max_element(), (low + high) / 2.0)
     }
 
-    /// Volume that the patches enclose as seen from their middle, with the sign of du × dv; 0 where it is lost in rounding.
+    /// Volume that the patches enclose as seen from their middle, with the sign of du × dv; 0 where it is
+    /// lost in rounding.
     fn volume(&self) -> f64 {
         const STEPS: usize = 8;
         let (size, middle) = self.extent();

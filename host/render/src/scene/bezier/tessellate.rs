@@ -1,5 +1,5 @@
-//! Triangles of patches: a grid a patch, as fine as the tolerance asks. Patches that share an edge have as many cells along it and the same
-//! points on it, so that the mesh is closed where the patches are.
+//! Triangles of patches: a grid a patch, as fine as the tolerance asks. Patches that share an edge have as
+//! many cells along it and the same points on it, so that the mesh is closed where the patches are.
 
 use std::collections::HashMap;
 
@@ -89,8 +89,8 @@ impl Patches {
         Ok((0..all.len()).map(|index| of(&counts, index)).collect())
     }
 
-    /// By patch and axis, two entries a patch, which of them must have as many cells: opposite edges of a patch have, and the
-    /// patches on both sides of an edge.
+    /// By patch and axis, two entries a patch, which of them must have as many cells: opposite edges of a
+    /// patch have, and the patches on both sides of an edge.
     fn classes(&self) -> Vec<usize> {
         let mut above: Vec<usize> = (0..2 * self.patches.len()).collect();
         fn root(above: &[usize], mut node: usize) -> usize {
@@ -176,8 +176,9 @@ fn canonical(edge: [u32; 4]) -> ([u32; 4], bool) {
     if turned < edge { (turned, true) } else { (edge, false) }
 }
 
-/// The fewest cells along u and v with which curvature keeps the triangles within a tolerance: over cells of a × b a surface of
-/// second fundamental form L, M, N leaves its triangles by (|L| a² + 2 |M| a b + |N| b²) / 8 at most.
+/// The fewest cells along u and v with which curvature keeps the triangles within a tolerance: over cells of
+/// a × b a surface of second fundamental form L, M, N leaves its triangles by (|L| a² + 2 |M| a b + |N| b²) /
+/// 8 at most.
 fn estimate(patch: &Patch, tolerance: f64) -> [f64; 2] {
     const LOOKS: usize = 12;
     let forms: Vec<[f64; 3]> = (0..=LOOKS)

@@ -96,7 +96,8 @@ fn the_teapot_is_closed_where_its_patches_are() {
             let (mesh, origin) = teapot.mesh(tolerance).unwrap();
             assert_eq!(origin, DVec3::ZERO);
             for [a, b] in open_edges(&mesh) {
-                // Lid and rim; the spout's mouth, the roots of spout and handle inside the body; the bottom where there is none.
+                // Lid and rim; the spout's mouth, the roots of spout and handle inside the body; the bottom
+                // where there is none.
                 let ring = |p: Vec3| [1.3, 1.4].iter().any(|r| (p.x.hypot(p.z) - r).abs() < 0.02);
                 let in_ring = |p: Vec3| (p.y - 2.4).abs() < 1e-5 && ring(p);
                 let mouth = |p: Vec3| p.x > 2.6 && (p.y - 2.4).abs() < 1e-5;

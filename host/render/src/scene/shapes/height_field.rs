@@ -1,8 +1,9 @@
-//! Height fields: the smooth surface through samples of height on a grid, in right triangles as large as the tolerance allows.
+//! Height fields: the smooth surface through samples of height on a grid, in right triangles as large as the
+//! tolerance allows.
 //!
-//! The square of the texture is halved into right triangles again and again, across the longest side; a triangle stays whole where all samples
-//! that it covers are within the tolerance of it, and both triangles at a side are halved together (Evans et al. 2001, "Right-triangulated irregular
-//! networks").
+//! The square of the texture is halved into right triangles again and again, across the longest side; a
+//! triangle stays whole where all samples that it covers are within the tolerance of it, and both triangles
+//! at a side are halved together (Evans et al. 2001, "Right-triangulated irregular networks").
 
 use std::collections::HashMap;
 
@@ -26,12 +27,12 @@ pub struct Heights<'a> {
     pub samples: &'a [f64],
 }
 
-/// A sheet of `size` (along x and z), centred on the origin, that faces +y; u along +x, v along +z. The first and last samples lie on its
-/// sides; between samples it is cubic (Catmull and Rom). Heights differ from that surface by `tolerance` at most, measured along y.
+/// A sheet of `size` (along x and z), centred on the origin, that faces +y; u along +x, v along +z. The first
+/// and last samples lie on its sides; between samples it is cubic (Catmull and Rom). Heights differ from that
+/// surface by `tolerance` at most, measured along y.
 ///
-/// # Errors
-/// Input errors for fewer than 2 × 2 samples, numbers that are not finite, and a tolerance that is not positive or takes too
-/// many triangles.
+/// # Errors Input errors for fewer than 2 × 2 samples, numbers that are not finite, and a tolerance that is
+/// not positive or takes too many triangles.
 pub fn height_field(heights: &Heights<'_>, size: [f64; 2], tolerance: f64) -> Result<Mesh> {
     limits::check(tolerance)?;
     if !size.iter().all(|&side| side.is_finite() && side > 0.0) {
@@ -108,7 +109,8 @@ struct Grid {
 }
 
 impl Grid {
-    /// A grid whose own triangles leave the surface by a third of the tolerance at most where that can be, and how far they leave it.
+    /// A grid whose own triangles leave the surface by a third of the tolerance at most where that can be,
+    /// and how far they leave it.
     fn new(surface: &Surface<'_>, tolerance: f64) -> Result<(Self, f64)> {
         let longest = surface.columns.max(surface.rows) - 1;
         let mut levels = longest.next_power_of_two().ilog2().min(MOST_LEVELS);
@@ -138,7 +140,8 @@ impl Grid {
         self.heights[y * (self.side() + 1) + x]
     }
 
-    /// How far the surface leaves the cells' triangles, whichever way a cell is halved, looked at between the corners.
+    /// How far the surface leaves the cells' triangles, whichever way a cell is halved, looked at between the
+    /// corners.
     fn off(&self, surface: &Surface<'_>) -> f64 {
         let side = self.side();
         let mut worst = 0.0f64;
@@ -182,8 +185,9 @@ impl Grid {
         mesh
     }
 
-    /// By the middle of a longest side, whether the triangles on both of its sides are halved there: where heights leave one of
-    /// them, or one below them is halved. The smallest come first, so that those above know.
+    /// By the middle of a longest side, whether the triangles on both of its sides are halved there: where
+    /// heights leave one of them, or one below them is halved. The smallest come first, so that those above
+    /// know.
     fn halved(&self, halves: &[Triangle], tolerance: f64) -> Vec<bool> {
         let mut halved = vec![false; self.heights.len()];
         for depth in (0..2 * self.levels).rev() {

@@ -36,7 +36,8 @@ pub(in crate::scene) fn open_edges(mesh: &Mesh) -> Vec<[Vec3; 2]> {
     open.map(|(edge, _)| edge.map(|place| Vec3::from_array(place.map(f32::from_bits)))).collect()
 }
 
-/// Orthonormal frames, triangles that face along them, texture that is not mirrored and grows along the tangents.
+/// Orthonormal frames, triangles that face along them, texture that is not mirrored and grows along the
+/// tangents.
 pub(in crate::scene) fn frames_fit(mesh: &Mesh) {
     for vertex in &mesh.vertices {
         assert!((vertex.normal.length() - 1.0).abs() < 1e-5 && vertex.position.is_finite(), "{vertex:?}");
@@ -61,7 +62,8 @@ pub(in crate::scene) fn frames_fit(mesh: &Mesh) {
     }
 }
 
-/// Largest distance of points all over the triangles by a function that tells a point's distance from the true surface.
+/// Largest distance of points all over the triangles by a function that tells a point's distance from the
+/// true surface.
 fn farthest(mesh: &Mesh, distance: impl Fn(DVec3) -> f64) -> f64 {
     const STEPS: usize = 6;
     let mut worst = 0.0f64;

@@ -26,8 +26,8 @@ pub fn ball(radius: f64, tolerance: f64) -> Result<Mesh> {
     turned(&[meridian], tolerance)
 }
 
-/// A ring about the y axis: a circle of radius `tube` whose centre goes around at `radius`. u runs around the axis, v around
-/// the tube, from its inside up and over.
+/// A ring about the y axis: a circle of radius `tube` whose centre goes around at `radius`. u runs around the
+/// axis, v around the tube, from its inside up and over.
 ///
 /// # Errors
 /// As [`ball`]; a tube as thick as the ring's radius is refused.
@@ -41,7 +41,8 @@ pub fn torus(radius: f64, tube: f64, tolerance: f64) -> Result<Mesh> {
     turned(&[circle], tolerance)
 }
 
-/// A cylinder about the y axis. On its side u runs around and v down; the lids have the texture of a square about them, u along +x.
+/// A cylinder about the y axis. On its side u runs around and v down; the lids have the texture of a square
+/// about them, u along +x.
 ///
 /// # Errors
 /// As [`ball`].
@@ -79,7 +80,8 @@ fn lid(mesh: &mut Mesh, start: usize, count: usize, radius: f32, up: f32) {
     }
 }
 
-/// A box of these sides; each face has the whole texture, upright seen from outside, the lids with u along +x.
+/// A box of these sides; each face has the whole texture, upright seen from outside, the lids with u along
+/// +x.
 ///
 /// # Errors
 /// As [`ball`].
@@ -111,8 +113,9 @@ pub fn cuboid(size: [f64; 3]) -> Result<Mesh> {
     Ok(mesh)
 }
 
-/// A profile turned about the y axis, given as points of radius and height: corners of straight pieces, or control points of
-/// cubic Bézier pieces, three a piece after the first point. Where it ends at its start or at the axis on both ends, it bounds a solid.
+/// A profile turned about the y axis, given as points of radius and height: corners of straight pieces, or
+/// control points of cubic Bézier pieces, three a piece after the first point. Where it ends at its start or
+/// at the axis on both ends, it bounds a solid.
 ///
 /// # Errors
 /// As [`turned`]; too few points, or not three a piece.

@@ -97,8 +97,8 @@ impl Segment {
         }
     }
 
-    /// Curvature around the axis and along the profile, each as the second derivative along the normal over the whole turn
-    /// and the whole piece.
+    /// Curvature around the axis and along the profile, each as the second derivative along the normal over
+    /// the whole turn and the whole piece.
     fn curvature(&self, t: f64) -> [f64; 2] {
         let (normal, [point, _, second]) = (self.normal(t), self.at(t));
         [TAU * TAU * (point.x * normal.x).abs(), second.dot(normal).abs()]
@@ -154,13 +154,12 @@ impl Segment {
     }
 }
 
-/// A profile turned about the y axis, its triangles at most `tolerance` from the surface. u runs once around to the east from +z, v along the
-/// profile by its length. The profile is taken in the direction in which its left, the outside, is away from the axis: downwards where it
-/// bounds the surface outside.
+/// A profile turned about the y axis, its triangles at most `tolerance` from the surface. u runs once around
+/// to the east from +z, v along the profile by its length. The profile is taken in the direction in which its
+/// left, the outside, is away from the axis: downwards where it bounds the surface outside.
 ///
-/// # Errors
-/// Input errors for a profile without length, a radius below 0, numbers that are not finite, and a tolerance that is not positive or
-/// takes too many triangles.
+/// # Errors Input errors for a profile without length, a radius below 0, numbers that are not finite, and a
+/// tolerance that is not positive or takes too many triangles.
 pub fn turned(profile: &[Segment], tolerance: f64) -> Result<Mesh> {
     limits::check(tolerance)?;
     let profile = outward(profile)?;
