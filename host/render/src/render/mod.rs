@@ -169,6 +169,7 @@ pub fn prepare<'a>(scene: &'a Scene, method: Method, settings: &Settings) -> Res
             Ok(Chosen { prepared: settings.environment.prepare(scene)?, method, note: None })
         }
         Method::Lights => Ok(Chosen { prepared: lights()?, method, note: None }),
+        Method::Auto if scene.beyond_lobes().is_some() => reference(scene.beyond_lobes()),
         Method::Auto if scene.environment.is_some() => {
             reference(Some("the scene has an environment, which `lights` does not render".into()))
         }

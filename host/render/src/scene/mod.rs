@@ -9,7 +9,9 @@ pub mod file;
 mod frame;
 mod import;
 pub mod mask;
+mod material_file;
 pub mod mesh;
+pub mod optics;
 pub mod shapes;
 pub mod shipped;
 pub mod showcase;
@@ -23,6 +25,7 @@ pub use animation::Animation;
 pub use environment::Environment;
 pub use mask::Mask;
 pub use mesh::{Mesh, Vertex};
+pub use optics::{Dielectric, Optics, Texture};
 
 use lobelia_base::error::{Error, Result};
 use lobelia_reflectance::mip;
@@ -74,6 +77,10 @@ pub struct Material {
     pub levels: Vec<Arc<SbrdfMap>>,
     /// Where the material is cut out; it has the texture coordinates and the tiling of the map.
     pub mask: Option<Arc<Mask>>,
+    /// What it does beyond the lobes.
+    pub optics: Option<Optics>,
+    /// Radiance of its front, the side from which its triangles run counter-clockwise.
+    pub emission: Option<Texture>,
 }
 
 /// Where a material's reflectance comes from.
@@ -187,6 +194,9 @@ impl Camera {
     }
 }
 
+/// The attribute of a map with the solid angle, sr, of the lamp that its mirror term was measured with.
+pub const MIRROR_SOLID_ANGLE: &str = "mirror.solid_angle_sr";
+
 /// Coordinates beyond this have no volumes in single precision, by which rays meet triangles.
 const FARTHEST: f32 = 1e12;
 
@@ -232,7 +242,14 @@ impl Material {
             Reflectance::Uniform(_) => None,
             Reflectance::Map(map) => Mask::of_map(map).map(Arc::new),
         };
-        Self { reflectance, tiling, filter, levels: vec![], mask }
+        Self { reflectance, tiling, filter, levels: vec![], mask, optics: None, emission: None }
+    }
+
+    /// The mirror term that was measured with a map: its channels `mirror.*`, f cosθ_i of the peak, times the solid angle of the lamp
+    /// that it was measured with (the attribute [`MIRROR_SOLID_ANGLE`]), without which they are no reflectance.
+    pub fn measured_mirror(map: &SbrdfMap) -> Option<Optics> {
+        let solid_angle = map.attributes.get(MIRROR_SOLID_ANGLE)?.parse::<f32>().ok()?;
+        Texture::of_map(map, "mirror", solid_angle).map(Optics::Mirror)
     }
 
     /// The BRDFs of all texels, those of the MIP levels after those of the map.
@@ -264,6 +281,9 @@ impl Material {
             }
             Self::check_map(&Reflectance::Map(map.clone())).map_err(|error| error.at(place()))?;
         }
+        self.optics.as_ref().map_or(Ok(()), Optics::check).map_err(|error| error.at("material"))?;
+        let emission = self.emission.as_ref().map_or(Ok(()), optics::check_emission);
+        emission.map_err(|error| error.at("material"))?;
         match &self.mask {
             Some(mask) if mask.width * mask.height == 0 => Err(Error::input("the mask has no texels")),
             _ => Ok(()),

@@ -89,6 +89,7 @@ impl Settings {
 impl Renderer for Settings {
     fn prepare<'a>(&self, scene: &'a Scene) -> Result<Box<dyn Prepared + 'a>> {
         scene.check()?;
+        scene.refuse_beyond_lobes("environment")?;
         self.check()?;
         let start = Instant::now();
         if self.gpu {

@@ -94,6 +94,7 @@ impl Settings {
     /// Input errors for a scene that [`Scene::check`] refuses, and for counts of 0.
     fn scene(&self, scene: &Scene) -> Result<Scene> {
         scene.check()?;
+        scene.refuse_beyond_lobes("lights")?;
         if self.samples == 0 || self.anisotropy == 0 || self.light_samples == 0 {
             return Err(Error::input("lights: samples, anisotropy and light samples must be 1 or more"));
         }

@@ -3,14 +3,22 @@
 
 mod branches;
 mod budget;
+mod emitters;
 mod environment;
+mod interface;
 mod lobes;
+mod media;
+#[cfg(test)]
+mod optics_tests;
 mod rectangle;
 #[cfg(test)]
 mod sampling_tests;
+mod shining;
+mod tally;
 #[cfg(test)]
 mod tests;
 mod trace;
+mod triangle;
 
 use std::time::Instant;
 
@@ -25,6 +33,7 @@ use budget::{Clock, Deadline};
 use lobelia_base::error::{Error, Result};
 use lobelia_base::progress;
 use lobelia_reflectance::picture::Picture;
+use media::Inside;
 use trace::{Numbers, PARTS, Shaders, Traced, Tracer};
 
 /// Passes before a budget of time or error is looked at: variance needs more than one.
@@ -44,13 +53,16 @@ pub struct Settings {
     pub max_error: Option<f64>,
     /// Reflections a path at most; 1 leaves interreflection out.
     pub bounces: u32,
+    /// Transparent surfaces in a row, from the first on, at which both the reflected and the refracted ray are followed; beyond, and at 0,
+    /// one of them by chance.
+    pub tree: u32,
     /// The picture is a function of scene, samples and seed, whatever the number of threads.
     pub seed: u64,
 }
 
 impl Default for Settings {
     fn default() -> Self {
-        Self { samples: 64, seconds: None, max_error: None, bounces: 64, seed: 0 }
+        Self { samples: 64, seconds: None, max_error: None, bounces: 64, tree: 2, seed: 0 }
     }
 }
 
@@ -82,7 +94,7 @@ impl Renderer for Settings {
         scene.check()?;
         self.check()?;
         let start = Instant::now();
-        let tracer = Tracer::new(scene, self.bounces);
+        let tracer = Tracer::new(scene, self.bounces, self.tree);
         Ok(Box::new(Ready { tracer, settings: *self, prepare_seconds: start.elapsed().as_secs_f64() }))
     }
 }
@@ -119,7 +131,7 @@ impl Ready<'_> {
         let seed = hash(settings.seed as u32 ^ hash((settings.seed >> 32) as u32 ^ 0x5bd1_e995));
         let branches = vec![1; width * height];
         let pass = settings.pass();
-        let mut view = View { tracer: &self.tracer, rays: Rays::new(camera), seed, width, pass, branches };
+        let mut view = View::new(&self.tracer, camera, seed, pass, branches);
 
         let mut pixels = vec![Pixel::default(); width * height];
         let mut cost = Cost { prepare_seconds: self.prepare_seconds, ..Cost::default() };
@@ -169,7 +181,7 @@ impl Ready<'_> {
         cost.memory_bytes = (self.tracer.bytes() + size_of_val(&pixels[..])) as u64;
         let picture = Picture { width, height, pixels: pixels.iter().map(|pixel| pixel.mean).collect() };
         let variance = (done > 1).then(|| variance(&pixels, done));
-        Ok(Rendering { picture, variance, cost, adapter: None, note: None })
+        Ok(Rendering { picture, variance, cost, adapter: None, note: self.tracer.unsampled() })
     }
 }
 
@@ -194,6 +206,8 @@ fn variance(pixels: &[Pixel], passes: u32) -> Vec<Vec3> {
 struct View<'a> {
     tracer: &'a Tracer<'a>,
     rays: Rays,
+    /// What the camera is in.
+    inside: Inside,
     seed: u32,
     /// Pixels a row.
     width: usize,
@@ -203,7 +217,12 @@ struct View<'a> {
     branches: Vec<u32>,
 }
 
-impl View<'_> {
+impl<'a> View<'a> {
+    fn new(tracer: &'a Tracer<'a>, camera: &Camera, seed: u32, pass: u32, branches: Vec<u32>) -> Self {
+        let inside = tracer.inside(camera.position);
+        View { tracer, rays: Rays::new(camera), inside, seed, width: camera.width as usize, pass, branches }
+    }
+
     /// Seconds that one sample of all pixels takes, by a sample of every so many.
     fn sample_seconds(&self, clock: &Clock<'_>, rays: &mut u64) -> f64 {
         /// Pixels that one stands for, a prime so that they do not stand in columns.
@@ -273,6 +292,7 @@ impl View<'_> {
     ) -> Traced {
         let [dx, dy] = numbers.pixel();
         let direction = self.rays.direction(x as f32 + dx, y as f32 + dy);
-        self.tracer.path(numbers, (self.rays.origin, direction), branches, shaders, rays)
+        let ray = (self.rays.origin, direction, self.inside);
+        self.tracer.path(numbers, ray, branches, shaders, &mut (), rays)
     }
 }

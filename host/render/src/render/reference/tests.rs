@@ -281,7 +281,7 @@ fn a_budget_of_time_ends_the_rendering() {
 fn a_pass_whose_time_runs_out_is_dropped_and_leaves_the_picture_of_those_before() {
     let scene = crate::scene::showcase::published(16, 12);
     let ready = |settings: Settings| Ready {
-        tracer: Tracer::new(&scene, settings.bounces),
+        tracer: Tracer::new(&scene, settings.bounces, settings.tree),
         settings,
         prepare_seconds: 0.0,
     };
