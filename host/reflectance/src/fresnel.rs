@@ -87,7 +87,9 @@ mod tests {
         let wt = refracted(wo, 1.4, beyond);
         assert!((wt.length() - 1.0).abs() < 1e-6 && wt.z < 0.0);
         let sine = |v: Vec3| v.truncate().length();
-        assert!((sine(wo) - 1.4 * sine(wt)).abs() < 1e-6 && wo.truncate().perp_dot(wt.truncate()).abs() < 1e-6);
+        assert!(
+            (sine(wo) - 1.4 * sine(wt)).abs() < 1e-6 && wo.truncate().perp_dot(wt.truncate()).abs() < 1e-6
+        );
     }
 
     #[test]

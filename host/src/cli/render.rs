@@ -22,7 +22,8 @@ use crate::scene::{Camera, Scene};
 /// Render a scene of SBRDF materials.
 #[derive(Debug, clap::Args)]
 pub(super) struct RenderArgs {
-    /// The scene: a .toml file, or one that is shipped: studio-ball, sky-drape, lamps, window, metal-row, gallery
+    /// The scene: a .toml file, or one that is shipped: studio-ball, sky-drape, lamps, window, metal-row, gallery,
+    /// glass-mirror, lanterns
     pub(super) scene: PathBuf,
     /// Where the picture goes: .exr is linear, .png is tone-mapped. May be given more than once. A name with # (frame-##.png)
     /// takes every frame of the scene's animation
@@ -118,6 +119,7 @@ impl RenderArgs {
             max_error: self.max_error,
             bounces: self.bounces.unwrap_or(reference::Settings::default().bounces),
             seed,
+            ..reference::Settings::default()
         }
     }
 
@@ -186,6 +188,9 @@ pub(super) fn run(args: &RenderArgs, context: &mut Context) -> Result<()> {
     context.report.figure("pixels", vec![picture.width, picture.height]);
     context.report.figure("samples", cost.samples);
     context.report.figure("rays", cost.rays);
+    if cost.rays > 0 {
+        context.report.figure("rays_per_second", cost.rays as f64 / cost.render_seconds);
+    }
     context.report.figure("draws", cost.draws);
     context.report.figure("render_memory_bytes", cost.memory_bytes);
     context.report.figure("method", outcome.method.name());

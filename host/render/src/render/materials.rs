@@ -8,9 +8,7 @@ use glam::{Vec2, Vec3};
 use super::math;
 use crate::scene::{Filter, Light, Reflectance, Scene};
 use lobelia_reflectance::mip;
-use lobelia_reflectance::{
-    AshikhminShirley, Lobe, LobeBrdf, Microfacet, Rgb, colour, lobe::into_lobe_frame,
-};
+use lobelia_reflectance::{AshikhminShirley, Lobe, LobeBrdf, Microfacet, Rgb, colour, lobe::into_lobe_frame};
 
 /// Lobes whose value would fall below 2^−40 of ρ_s are skipped.
 const NEGLIGIBLE_LOG2: f32 = -40.0;

@@ -15,7 +15,7 @@
 //! builtin = "studio"                    # or "sky", or file = "lobby.exr"
 //!
 //! [[object]]
-//! mesh = "drape"                        # sphere, plane, backdrop, drape, or a .gltf, .glb, .obj or .ply file
+//! mesh = "drape"                        # sphere, plane, backdrop, drape, swarm, or a .gltf, .glb, .obj or .ply file
 //! [object.material]
 //! map = "weave.exr"                     # or published = "clay", or weave or check = ["clay", "felt"],
 //!                                       # or albedo, rho_d, beta_deg and lobes; weave.mip1.exr and so on are its MIP levels
@@ -198,8 +198,7 @@ fn build(file: SceneFile, folder: &Path) -> Result<Scene> {
         let name = object.name.clone().unwrap_or_else(|| format!("{} {index}", object.mesh));
         let place = format!("object \"{name}\"");
         let (mesh, middle) = mesh(&object.mesh, folder).map_err(|error| error.at("key mesh").at(&place))?;
-        let material =
-            object.material.read(folder).map_err(|error| error.at("key material").at(&place))?;
+        let material = object.material.read(folder).map_err(|error| error.at("key material").at(&place))?;
         let [x, y, z] = object.rotate_deg.to_array().map(f32::to_radians);
         let rotation = Quat::from_euler(EulerRot::ZYX, z, y, x);
         // Where the mesh's own origin comes to stand, in double precision.
@@ -255,10 +254,11 @@ fn mesh(name: &str, folder: &Path) -> Result<(Mesh, DVec3)> {
         "plane" => shape(shapes::plane(16)),
         "backdrop" => shape(shapes::backdrop(64)),
         "drape" => shape(shapes::drape(224)),
+        "swarm" => shape(shapes::swarm(50)),
         file if Path::new(file).extension().is_some() => Mesh::read(&folder.join(file)),
         other => Err(Error::input(format!(
             "there is no shape \"{other}\"; use one of {} or a .gltf, .glb, .obj or .ply file",
-            either(&["sphere", "plane", "backdrop", "drape"])
+            either(&["sphere", "plane", "backdrop", "drape", "swarm"])
         ))),
     }
 }
@@ -334,6 +334,7 @@ fn background(text: Option<&str>) -> Result<Background> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use lobelia_reflectance::{SbrdfMap, mip};
 
     const CAMERA: &str =
         "[camera]\nposition = [0, 0, 4]\ntarget = [0, 0, 0]\nfov_deg = 40\nwidth = 8\nheight = 6\n";

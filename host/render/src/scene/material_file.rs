@@ -60,7 +60,6 @@ struct LobeFile {
     n: f32,
 }
 
-
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct PhongFile {
@@ -282,7 +281,10 @@ mod tests {
         let mirror = Some(Optics::Mirror(Texture::Uniform(Rgb::splat(0.5))));
         assert_eq!(material("mirror = [0.5, 0.5, 0.5]").optics, mirror);
         let over = material("mirror = [0.5, 0.5, 0.5]\nalbedo = [0.3, 0.3, 0.3]");
-        assert!(over.optics == mirror && matches!(over.reflectance, Reflectance::Uniform(brdf) if brdf.rho_d.x > 0.0));
+        assert!(
+            over.optics == mirror
+                && matches!(over.reflectance, Reflectance::Uniform(brdf) if brdf.rho_d.x > 0.0)
+        );
         let brushed = "ashikhmin = { rho_d = [0, 0, 0], rho_s = [1, 1, 1], n = [10, 100] }\nbeta_deg = 90";
         let Some(Optics::AshikhminShirley(brdf)) = material(brushed).optics else { panic!("{brushed}") };
         assert!(brdf.exponents == Vec2::new(10.0, 100.0) && (brdf.axis - Vec2::Y).length() < 1e-6);
@@ -298,7 +300,9 @@ mod tests {
         let Reflectance::Uniform(brdf) = &scene.objects[0].material.reflectance else { panic!("a lobe") };
         let rows = 20_000;
         let at = |k: i32| (k as f32 + 0.5) / rows as f32;
-        let value = |z: f32| lobelia_reflectance::Brdf::eval(brdf, Vec3::new((1.0 - z * z).sqrt(), 0.0, z), Vec3::Z).x;
+        let value = |z: f32| {
+            lobelia_reflectance::Brdf::eval(brdf, Vec3::new((1.0 - z * z).sqrt(), 0.0, z), Vec3::Z).x
+        };
         let albedo: f32 = (0..rows).map(|k| TAU * value(at(k)) * at(k) / rows as f32).sum();
         assert!((albedo - 0.4).abs() < 1e-3, "{albedo}");
     }
@@ -306,15 +310,21 @@ mod tests {
     #[test]
     fn wrong_materials_are_refused_with_the_object_and_the_key() {
         for (text, words) in [
-            ("dielectric = { index = 1.5, colour = [1, 1, 1] }", vec!["line 10", "colour"]),
+            ("dielectric = { index = 1.5, colour = [1, 1, 1] }", vec!["line 11", "colour"]),
             ("dielectric = { index = 0 }", vec!["thing", "index must be between"]),
             ("dielectric = { index = 1.5 }\nmirror = [1, 1, 1]", vec!["thing", "key mirror"]),
             ("mirror = [1.5, 1, 1]", vec!["thing", "mirror"]),
             ("conductor = { n = [0, 1, 1], k = [1, 1, 1] }", vec!["thing", "n must be positive"]),
             ("emission = [-1, 1, 1]", vec!["thing", "emission"]),
             ("emission_map = \"none.exr\"", vec!["thing", "key emission_map", "none.exr"]),
-            ("published = \"clay\"\nconductor = { n = [1, 1, 1], k = [1, 1, 1] }", vec!["thing", "exactly one"]),
-            ("ashikhmin = { rho_d = [2, 0, 0], rho_s = [0, 0, 0], n = [1, 1] }", vec!["thing", "between 0 and 1"]),
+            (
+                "published = \"clay\"\nconductor = { n = [1, 1, 1], k = [1, 1, 1] }",
+                vec!["thing", "exactly one"],
+            ),
+            (
+                "ashikhmin = { rho_d = [2, 0, 0], rho_s = [0, 0, 0], n = [1, 1] }",
+                vec!["thing", "between 0 and 1"],
+            ),
         ] {
             let error = read(text).unwrap_err();
             let sentence = error.to_string();

@@ -188,8 +188,8 @@ fn best(variances: &[[f32; PARTS]], cost: [f32; PARTS]) -> Vec<u32> {
 
 #[cfg(test)]
 mod tests {
-    use super::super::trace::Tracer;
     use super::super::Pixel;
+    use super::super::trace::Tracer;
     use super::*;
 
     /// Mean cost times mean variance.

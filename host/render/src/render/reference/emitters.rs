@@ -118,10 +118,8 @@ impl Bounds {
         let area = size.x * size.y + size.y * size.z + size.z * size.x;
         let angle = self.cone[1].atan2(self.cone[0]);
         let end = (angle + FRAC_PI_2).min(PI);
-        let rest = 2.0 * end * self.cone[1]
-            - (angle - 2.0 * end).cos()
-            - 2.0 * angle * self.cone[1]
-            + self.cone[0];
+        let rest =
+            2.0 * end * self.cone[1] - (angle - 2.0 * end).cos() - 2.0 * angle * self.cone[1] + self.cone[0];
         let solid = 2.0 * PI * (1.0 - self.cone[0]) + FRAC_PI_2 * rest;
         self.power * solid * area
     }
@@ -185,7 +183,8 @@ impl Emitters {
     pub(super) fn new(mut emitters: Vec<Emitter>) -> Self {
         emitters.retain(|emitter| emitter.bounds.power > 0.0);
         let mut built = Self { nodes: Vec::with_capacity(2 * emitters.len()), emitters };
-        let Some(all) = built.emitters.iter().map(|emitter| emitter.bounds).reduce(|a, b| a.joined(&b)) else {
+        let Some(all) = built.emitters.iter().map(|emitter| emitter.bounds).reduce(|a, b| a.joined(&b))
+        else {
             return built;
         };
         built.nodes.push(Node { bounds: all, parent: 0, first: 0, leaf: false });

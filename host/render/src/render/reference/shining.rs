@@ -30,8 +30,7 @@ impl<'a> Shining<'a> {
     pub(super) fn new(scene: &'a Scene, geometry: &Geometry) -> (Emitters, Self) {
         let first_rectangle = scene.objects.len();
         let mut found = Vec::new();
-        let mut shining =
-            Self { objects: vec![], rectangles: vec![], triangles: vec![], first_rectangle };
+        let mut shining = Self { objects: vec![], rectangles: vec![], triangles: vec![], first_rectangle };
         for light in &scene.lights {
             if let Light::Rectangle { centre, edges, radiance } = *light {
                 shining.rectangles.push((radiance, NONE));
@@ -58,8 +57,7 @@ impl<'a> Shining<'a> {
                 for triangle in geometry.triangles_of(object) {
                     let corners = geometry.corners(triangle);
                     let mean = mean(emission, corners.map(|corner| corner.uv));
-                    let emitter =
-                        Emitter::triangle(corners.map(|corner| corner.position), triangle, mean);
+                    let emitter = Emitter::triangle(corners.map(|corner| corner.position), triangle, mean);
                     if let Some(emitter) = emitter.filter(|_| lit(mean)) {
                         shining.triangles[triangle as usize] = next;
                         next += 1;

@@ -468,8 +468,7 @@ impl<'a> Tracer<'a> {
             self.aim(numbers, bounce + 1, &surface, direction, next);
             let [direct, _] = self.direct(numbers, bounce + 1, &surface, next, &inside, &mut (), rays);
             found(bounce + 2, throughput * direct);
-            let start =
-                Start { hit, surface, inside, throughput, diffuse: Some(diffuse), tree: leg.tree };
+            let start = Start { hit, surface, inside, throughput, diffuse: Some(diffuse), tree: leg.tree };
             let [one, other] = self.leave(numbers, bounce + 1, &start, next);
             if let (Some(_), Some(other)) = (one, other) {
                 let numbers = numbers.beside(bounce);

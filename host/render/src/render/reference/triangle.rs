@@ -42,7 +42,8 @@ impl Triangle {
             return None;
         }
         // No part of a far triangle has a larger solid angle than the area over the square of its distance.
-        let edge = (self.corners[1] - self.corners[0]).length().max((self.corners[2] - self.corners[0]).length());
+        let edge =
+            (self.corners[1] - self.corners[0]).length().max((self.corners[2] - self.corners[0]).length());
         let reach = (nearest.sqrt() - edge).max(0.0);
         let small = self.area < SPHERICAL[0] as f32 * reach * reach;
         let solid_angle = (!small).then(|| solid_angle(to.map(Vec3::as_dvec3)));
