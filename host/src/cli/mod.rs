@@ -24,6 +24,7 @@ mod develop;
 mod edit;
 mod environment;
 mod fit;
+mod paths;
 mod plan;
 mod render;
 mod rig;

@@ -5,6 +5,7 @@ use std::time::Instant;
 
 use super::Context;
 use super::environment::EnvironmentArgs;
+use super::paths::PathArgs;
 use crate::chart::Table;
 use crate::error::{Error, Result};
 use crate::figures::ErrorFigure;
@@ -58,6 +59,8 @@ pub(super) struct RenderArgs {
     /// Rows, instead of the scene's; pixels a row follow when --width is not given
     #[arg(long)]
     pub(super) height: Option<u32>,
+    #[command(flatten)]
+    pub(super) paths: PathArgs,
     #[command(flatten)]
     pub(super) lights: LightsArgs,
     #[command(flatten)]
@@ -113,14 +116,16 @@ impl RenderArgs {
     /// What the reference is to do.
     fn settings(&self, seed: u64) -> reference::Settings {
         let budget = self.seconds.is_some() || self.max_error.is_some();
-        reference::Settings {
+        let mut settings = reference::Settings {
             samples: self.samples.unwrap_or(if budget { 1 << 20 } else { 64 }),
             seconds: self.seconds,
             max_error: self.max_error,
             bounces: self.bounces.unwrap_or(reference::Settings::default().bounces),
             seed,
             ..reference::Settings::default()
-        }
+        };
+        self.paths.apply(&mut settings);
+        settings
     }
 
     /// Refuses what a method that is named would not look at.
@@ -309,6 +314,7 @@ fn render_scene(args: &RenderArgs, seed: u64) -> Result<RenderOutcome> {
         };
     }
     let views = views(&scene, args)?;
+    args.paths.check(args.method, views.len() > 1)?;
     for (camera, _) in &views {
         camera.check()?;
         // Means and variances of a pixel, and the picture in the forms that it is written in.
@@ -362,7 +368,8 @@ fn render_scene(args: &RenderArgs, seed: u64) -> Result<RenderOutcome> {
         ("render", cost.render_seconds),
         ("write", write_seconds),
     ]);
-    let written = views.into_iter().flat_map(|(_, paths)| paths).collect();
+    let layers = args.paths.write(&scene, &settings.reference)?;
+    let written = views.into_iter().flat_map(|(_, paths)| paths).chain(layers).collect();
     Ok(RenderOutcome { stages, method: chosen.method, note: chosen.note, tried, rendering, errors, written })
 }
 
@@ -436,6 +443,7 @@ mod tests {
             bounces: Some(4),
             variance: None,
             against: None,
+            paths: PathArgs::default(),
             lights: LightsArgs::default(),
             environment: EnvironmentArgs::default(),
             width: Some(32),

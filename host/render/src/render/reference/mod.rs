@@ -6,6 +6,7 @@ mod budget;
 mod emitters;
 mod environment;
 mod interface;
+mod layers;
 mod lobes;
 mod media;
 #[cfg(test)]
@@ -30,10 +31,12 @@ use super::shading::Rays;
 use super::{Cost, Prepared, Renderer, Rendering, compare};
 use crate::scene::{Camera, Scene};
 use budget::{Clock, Deadline};
+pub use layers::Layers;
 use lobelia_base::error::{Error, Result};
 use lobelia_base::progress;
 use lobelia_reflectance::picture::Picture;
 use media::Inside;
+use tally::Tally;
 use trace::{Numbers, PARTS, Shaders, Traced, Tracer};
 
 /// Passes before a budget of time or error is looked at: variance needs more than one.
@@ -284,15 +287,28 @@ impl<'a> View<'a> {
     /// One sample of a pixel.
     fn sample(
         &self,
-        [x, y]: [usize; 2],
+        place: [usize; 2],
         numbers: &Numbers,
         branches: u32,
         shaders: &mut Shaders,
         rays: &mut [u64; PARTS],
     ) -> Traced {
+        self.sample_into(place, numbers, branches, shaders, &mut (), rays)
+    }
+
+    /// One sample of a pixel, and what it is made up of.
+    fn sample_into(
+        &self,
+        [x, y]: [usize; 2],
+        numbers: &Numbers,
+        branches: u32,
+        shaders: &mut Shaders,
+        tally: &mut impl Tally,
+        rays: &mut [u64; PARTS],
+    ) -> Traced {
         let [dx, dy] = numbers.pixel();
         let direction = self.rays.direction(x as f32 + dx, y as f32 + dy);
         let ray = (self.rays.origin, direction, self.inside);
-        self.tracer.path(numbers, ray, branches, shaders, &mut (), rays)
+        self.tracer.path(numbers, ray, branches, shaders, tally, rays)
     }
 }

@@ -13,6 +13,9 @@ pub(super) trait Tally {
 
     /// Radiance that the first surface reflects, found by samples of emitters, and that of its diffuse term.
     fn first(&mut self, radiance: Rgb, diffuse: Rgb);
+
+    /// The object that the camera's ray meets, or beyond them a rectangular light.
+    fn meets(&mut self, object: u32);
 }
 
 impl Tally for () {
@@ -23,4 +26,7 @@ impl Tally for () {
 
     #[inline(always)]
     fn first(&mut self, _: Rgb, _: Rgb) {}
+
+    #[inline(always)]
+    fn meets(&mut self, _: u32) {}
 }

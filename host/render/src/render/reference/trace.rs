@@ -217,6 +217,12 @@ impl<'a> Tracer<'a> {
         inside
     }
 
+    /// The first surface along a camera ray.
+    pub(super) fn shown(&self, mut origin: Vec3, direction: Vec3, mut inside: Inside) -> Option<Surface> {
+        let (hit, ..) = self.arrive(&mut origin, direction, &mut inside, &mut 0);
+        Some(self.geometry.surface(&hit?, direction))
+    }
+
     /// Follows a camera ray, and `branches` rays from the surface it meets; counts rays by part.
     pub(super) fn path(
         &self,
@@ -234,6 +240,7 @@ impl<'a> Tracer<'a> {
             return Traced::ended(seen, 0.0);
         };
         let object = self.geometry.object(&hit);
+        tally.meets(object);
         if let Some(emission) = self.materials.emission(object) {
             let shines = self.geometry.front(&hit, direction);
             let seen = if shines { through * emission } else { Rgb::ZERO };
