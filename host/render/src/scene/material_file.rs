@@ -2,7 +2,7 @@
 //!
 //! ```toml
 //! [object.material]
-//! map = "weave.exr"                       # a measured mirror in it, the channels mirror.*, is drawn
+//! map = "weave.exr"                       # with its channels mirror.*, a mirror, where its attribute mirror.solid_angle_sr is known
 //! mirror = [0.04, 0.04, 0.04]             # a perfect mirror over it, or alone: ρ_m of L_r = ρ_m L_i
 //! emission = [4.0, 3.6, 3.0]              # radiance of the front; times emission_map = "glow.exr" where that is given
 //!
@@ -290,6 +290,29 @@ mod tests {
         assert!(brdf.exponents == Vec2::new(10.0, 100.0) && (brdf.axis - Vec2::Y).length() < 1e-6);
         let lamp = material("emission = [3, 2, 1]");
         assert_eq!(lamp.emission, Some(Texture::Uniform(Rgb::new(3.0, 2.0, 1.0))));
+    }
+
+    #[test]
+    fn a_mirror_measured_with_a_map_is_drawn_where_the_lamps_solid_angle_is_known() {
+        let folder = tempfile::tempdir().unwrap();
+        let mut map = SbrdfMap::new(2, 1, 1);
+        for (name, values) in
+            [("mirror.R", [500.0, 0.0]), ("mirror.G", [400.0, 0.0]), ("mirror.B", [300.0, 0.0])]
+        {
+            map.extra.insert(name.into(), values.to_vec());
+        }
+        let optics = |map: &SbrdfMap| {
+            map.write_exr(&folder.path().join("m.exr")).unwrap();
+            let scene = "[camera]\nposition = [0, 0, 4]\ntarget = [0, 0, 0]\nfov_deg = 40\nwidth = 8\nheight = 6\n\
+                [[object]]\nmesh = \"sphere\"\nmaterial.map = \"m.exr\"\n";
+            std::fs::write(folder.path().join("s.toml"), scene).unwrap();
+            Scene::read(&folder.path().join("s.toml")).unwrap().objects.remove(0).material.optics
+        };
+        assert_eq!(optics(&map), None);
+        map.attributes.insert(crate::scene::MIRROR_SOLID_ANGLE.into(), "1e-3".into());
+        let Some(Optics::Mirror(texture)) = optics(&map) else { panic!("a mirror") };
+        assert!((texture.at(Vec2::new(0.25, 0.5)) - Rgb::new(0.5, 0.4, 0.3)).length() < 1e-6);
+        assert_eq!(texture.at(Vec2::new(0.75, 0.5)), Rgb::ZERO);
     }
 
     /// Phong's lobe toward the mirror direction has the albedo ρ_s at normal incidence.

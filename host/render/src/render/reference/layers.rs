@@ -12,7 +12,7 @@ use exr::prelude::{
     AnyChannel, AnyChannels, Blocks, Compression, Encoding, FlatSamples, Image, Layer, LayerAttributes,
     LineOrder, SmallVec, Text, WritableImage,
 };
-use glam::{Vec3, Vec4};
+use glam::Vec4;
 use rayon::prelude::*;
 
 use super::tally::Tally;
@@ -236,6 +236,7 @@ impl Layers {
 mod tests {
     use super::super::super::Renderer;
     use super::*;
+    use glam::Vec3;
     use std::path::Path;
 
     fn layers(name: &str, samples: u32) -> (Scene, Layers) {
@@ -278,14 +279,19 @@ mod tests {
     }
 
     #[test]
-    fn the_layers_are_of_the_picture_and_a_mirror_has_no_diffuse_part() {
-        let (scene, layers) = layers("glass-mirror", 256);
-        let settings = Settings { samples: 256, seed: 3, ..Settings::default() };
+    fn the_layers_are_of_the_picture() {
+        let (scene, layers) = layers("window", 64);
+        let settings = Settings { samples: 64, seed: 3, ..Settings::default() };
         let picture = settings.render(&scene, &scene.camera).unwrap().picture;
         let mean = |values: &[f32]| values.iter().sum::<f32>() / values.len() as f32;
         let seen: Vec<f32> = picture.pixels.iter().map(|pixel| pixel.y).collect();
         let (a, b) = (mean(layers.channel("G").unwrap()), mean(&seen));
         assert!((a / b - 1.0).abs() < 0.02, "{a} {b}");
+    }
+
+    #[test]
+    fn a_mirror_has_no_diffuse_part_and_paint_no_other() {
+        let (_, layers) = layers("glass-mirror", 16);
         let mirror = layers.channel("object.mirror.A").unwrap();
         let back = layers.channel("object.back.A").unwrap();
         let mut counts = [0; 2];
@@ -312,7 +318,7 @@ mod tests {
         let k = 10 * 24 + 12;
         assert_eq!(name(k), "back");
         let at = |channel: &str| layers.channel(channel).unwrap()[k];
-        assert!((at("depth.Z") - 5.3).abs() < 1e-3, "{}", at("depth.Z"));
+        assert!((at("depth.Z") - 5.3).abs() < 5e-3, "{}", at("depth.Z"));
         assert!((Vec3::new(at("normal.X"), at("normal.Y"), at("normal.Z")) - Vec3::Z).length() < 1e-4);
         assert!((0.4..0.6).contains(&at("texture.U")) && (0.4..0.6).contains(&at("texture.V")));
     }

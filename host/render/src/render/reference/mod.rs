@@ -14,6 +14,7 @@ mod optics_tests;
 mod rectangle;
 #[cfg(test)]
 mod sampling_tests;
+mod scatter;
 mod shining;
 mod tally;
 #[cfg(test)]
@@ -98,7 +99,31 @@ impl Renderer for Settings {
         self.check()?;
         let start = Instant::now();
         let tracer = Tracer::new(scene, self.bounces, self.tree);
-        Ok(Box::new(Ready { tracer, settings: *self, prepare_seconds: start.elapsed().as_secs_f64() }))
+        let prepare_seconds = start.elapsed().as_secs_f64();
+        Ok(Box::new(Ready { tracer, settings: *self, prepare_seconds, quiet: false }))
+    }
+}
+
+impl Settings {
+    /// Renders many views of a scene, which is made ready once, several at a time: cheap ones at the speed of one that is as large as all.
+    /// A limit of time is each view's own.
+    ///
+    /// # Errors
+    /// Those of [`Renderer::prepare`] and [`Prepared::view`].
+    pub fn views(&self, scene: &Scene, cameras: &[Camera]) -> Result<Vec<Rendering>> {
+        scene.check()?;
+        self.check()?;
+        let start = Instant::now();
+        let tracer = Tracer::new(scene, self.bounces, self.tree);
+        let prepare_seconds = start.elapsed().as_secs_f64();
+        let ready = Ready { tracer, settings: *self, prepare_seconds, quiet: true };
+        let bar = progress::bar("reference", cameras.len() as u64, "views");
+        let view = |camera: &Camera| {
+            let rendering = ready.view(camera);
+            bar.advance(1);
+            rendering
+        };
+        cameras.par_iter().map(view).collect()
     }
 }
 
@@ -107,6 +132,8 @@ struct Ready<'a> {
     tracer: Tracer<'a>,
     settings: Settings,
     prepare_seconds: f64,
+    /// Whether a view shows no progress of its own.
+    quiet: bool,
 }
 
 /// What is known of a pixel after some passes.
@@ -150,10 +177,11 @@ impl Ready<'_> {
             view.branches = look.branches();
         }
         let passes = settings.samples.div_ceil(view.pass);
-        let bar = match settings.seconds {
+        let bar = (!self.quiet).then(|| match settings.seconds {
             Some(seconds) => progress::bar("reference", (1e3 * seconds) as u64, "ms"),
             None => progress::bar("reference", u64::from(passes) * height as u64, "rows"),
-        };
+        });
+        let advance = |items: u64| bar.iter().for_each(|bar| bar.advance(items));
         let mut done = 0;
         while done < passes {
             let before = clock();
@@ -162,11 +190,11 @@ impl Ready<'_> {
             let kept = deadline.map(|_| pixels.clone());
             let rays = view.add(&mut pixels, done + 1, deadline.as_ref(), |rows| {
                 if settings.seconds.is_none() {
-                    bar.advance(rows);
+                    advance(rows);
                 }
             });
             if settings.seconds.is_some() {
-                bar.advance((1e3 * (clock() - before)) as u64);
+                advance((1e3 * (clock() - before)) as u64);
             }
             let Some(rays) = rays else {
                 pixels = kept.unwrap_or(pixels);

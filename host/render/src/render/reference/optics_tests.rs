@@ -313,3 +313,27 @@ fn light_that_no_path_finds_is_named() {
     let text = note(&lit).unwrap();
     assert!(text.contains("light 0") && text.contains("\"object\"") && text.contains("dielectric"), "{text}");
 }
+
+/// The square of a view's relative error, the emitters chosen by the tree or by their power alone.
+fn noise(scene: &Scene, by_power: bool) -> f64 {
+    let settings = Settings { samples: 64, seed: 1, ..Settings::default() };
+    let mut tracer = Tracer::new(scene, settings.bounces, settings.tree);
+    if by_power {
+        tracer.emitters = std::mem::take(&mut tracer.emitters).by_power();
+    }
+    let ready = Ready { tracer, settings, prepare_seconds: 0.0, quiet: true };
+    ready.view(&scene.camera).unwrap().estimated_error().unwrap().powi(2)
+}
+
+#[test]
+fn emitters_chosen_by_place_too_make_less_noise_than_by_power_alone() {
+    // A thousand over a wide floor, of which few light a place.
+    let above = placed(Vec3::new(10.0, 0.1, 10.0), 0.0, Vec3::Y * 0.8);
+    let lamps = object(shapes::swarm(1000), above, shining(Rgb::ONE));
+    let floor = object(shapes::plane(1), Affine3A::from_scale(Vec3::splat(10.0)), material(None, 0.5));
+    let mut lit = scene(vec![floor, lamps], Vec3::new(0.3, 0.25, 0.05));
+    (lit.environment, lit.background) = (None, Background::Colour(Rgb::ZERO));
+    lit.camera = Camera { fov: 0.1, width: 16, height: 16, ..lit.camera };
+    let [tree, power] = [false, true].map(|by_power| noise(&lit, by_power));
+    assert!(tree < 0.4 * power, "{tree} {power}");
+}
