@@ -48,7 +48,7 @@ pub mod warning;
 
 pub use ashikhmin::AshikhminShirley;
 pub use lobe::{Lobe, LobeBrdf};
-pub use map::{LobePlane, MicrofacetPlane, SbrdfMap};
+pub use map::{LobePlane, MIRROR_SOLID_ANGLE, MicrofacetPlane, SbrdfMap};
 pub use map_exr::MapEncoding;
 pub use microfacet::Microfacet;
 pub use table::{InterpolatedBrdf, MeasuredTable};

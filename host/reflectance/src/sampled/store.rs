@@ -31,6 +31,8 @@ const OFFSET_KEY: &str = "offset_texels";
 
 /// Attribute of a developed store: for each pose the share of its samples that are saturated in every exposure, which are NaN.
 pub const CLIPPED_KEY: &str = "clipped_by_pose";
+/// The attribute of a store's root with the area of the lamp's aperture, mm²: by it a mirror's peak becomes a reflectance.
+pub const APERTURE_KEY: &str = "lamp_aperture_mm2";
 
 /// Version of the layout.
 const LAYOUT: u64 = 1;
@@ -166,6 +168,8 @@ pub struct SampledStore {
     pub unknown_poses: Vec<usize>,
     /// Share of each pose's samples that are saturated in every exposure, where the store says so ([`CLIPPED_KEY`]).
     pub clipped: Option<Vec<f64>>,
+    /// Area of the lamp's aperture, mm², where the store says so ([`APERTURE_KEY`]).
+    pub lamp_aperture_mm2: Option<f64>,
 }
 
 impl SampledStore {
@@ -386,6 +390,12 @@ fn open_store(path: &Path) -> std::result::Result<SampledStore, String> {
             weight[pose]
         ));
     }
+    let aperture = attribute(APERTURE_KEY).map(|value| {
+        value.as_f64().filter(|area| area.is_finite() && *area > 0.0).ok_or_else(|| {
+            format!("its attribute {APERTURE_KEY} is {value}, not an area above 0; correct it or delete it")
+        })
+    });
+    let lamp_aperture_mm2 = aperture.transpose()?;
     let clipped = attribute(CLIPPED_KEY).map(|value| clipped_shares(value, poses)).transpose()?;
     let pose = |pose: usize| {
         let [light_mm, camera_mm] = [&light, &camera].map(|places| DVec3::from_slice(&places[3 * pose..]));
@@ -404,6 +414,7 @@ fn open_store(path: &Path) -> std::result::Result<SampledStore, String> {
         poses: poses.into_iter().map(PoseGeometry::known).collect(),
         unknown_poses,
         clipped,
+        lamp_aperture_mm2,
     })
 }
 

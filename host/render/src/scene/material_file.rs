@@ -309,7 +309,7 @@ mod tests {
             Scene::read(&folder.path().join("s.toml")).unwrap().objects.remove(0).material.optics
         };
         assert_eq!(optics(&map), None);
-        map.attributes.insert(crate::scene::MIRROR_SOLID_ANGLE.into(), "1e-3".into());
+        map.attributes.insert(lobelia_reflectance::MIRROR_SOLID_ANGLE.into(), "1e-3".into());
         let Some(Optics::Mirror(texture)) = optics(&map) else { panic!("a mirror") };
         assert!((texture.at(Vec2::new(0.25, 0.5)) - Rgb::new(0.5, 0.4, 0.3)).length() < 1e-6);
         assert_eq!(texture.at(Vec2::new(0.75, 0.5)), Rgb::ZERO);

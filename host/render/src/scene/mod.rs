@@ -29,7 +29,7 @@ pub use optics::{Dielectric, Optics, Texture};
 
 use lobelia_base::error::{Error, Result};
 use lobelia_reflectance::mip;
-use lobelia_reflectance::{LobeBrdf, Rgb, SbrdfMap};
+use lobelia_reflectance::{LobeBrdf, MIRROR_SOLID_ANGLE, Rgb, SbrdfMap};
 
 /// Everything that a renderer needs to make a picture.
 #[derive(Debug, Clone)]
@@ -193,9 +193,6 @@ impl Camera {
         Ok(())
     }
 }
-
-/// The attribute of a map with the solid angle, sr, of the lamp that its mirror term was measured with.
-pub const MIRROR_SOLID_ANGLE: &str = "mirror.solid_angle_sr";
 
 /// Coordinates beyond this have no volumes in single precision, by which rays meet triangles.
 const FARTHEST: f32 = 1e12;
