@@ -28,9 +28,11 @@
 //! ```
 
 pub mod albedo;
+pub mod ashikhmin;
 pub mod colour;
 pub mod distance;
 pub mod exr_file;
+pub mod fresnel;
 pub mod lobe;
 pub mod map;
 mod map_exr;
@@ -44,8 +46,9 @@ pub mod sampled;
 pub mod table;
 pub mod warning;
 
+pub use ashikhmin::AshikhminShirley;
 pub use lobe::{Lobe, LobeBrdf};
-pub use map::{LobePlane, MicrofacetPlane, SbrdfMap};
+pub use map::{LobePlane, MIRROR_SOLID_ANGLE, MicrofacetPlane, SbrdfMap};
 pub use map_exr::MapEncoding;
 pub use microfacet::Microfacet;
 pub use table::{InterpolatedBrdf, MeasuredTable};

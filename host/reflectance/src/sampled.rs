@@ -12,7 +12,9 @@ use crate::Rgb;
 mod store;
 mod zarr;
 
-pub use store::{Attributes, CLIPPED_KEY, SampledStore, Window, attributes_of, geometry_sha256};
+pub use store::{
+    APERTURE_KEY, Attributes, CLIPPED_KEY, SampledStore, Window, attributes_of, geometry_sha256,
+};
 
 /// Where the light and the camera stood for one pose, in the sample's frame (origin at its centre, z outward).
 #[derive(Debug, Clone, Copy, PartialEq)]

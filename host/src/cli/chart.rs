@@ -122,15 +122,19 @@ pub(super) fn run(args: &ChartArgs, context: &mut Context) -> Result<()> {
     Ok(())
 }
 
-/// The scenes named, or all that are shipped, at a width of pictures.
+/// The scenes named, or all that are shipped and that every method draws, at a width of pictures.
 ///
 /// # Errors
 /// Input errors for a scene that cannot be read.
 fn open(names: &[PathBuf], width: u32) -> Result<Vec<(String, Scene)>> {
     let shipped: Vec<PathBuf> = shipped::SCENES.iter().map(|scene| scene.0.into()).collect();
-    let names = if names.is_empty() { &shipped } else { names };
-    let scenes = names.iter().map(|name| {
-        let mut scene = Scene::open(name)?;
+    let given = if names.is_empty() { &shipped } else { names };
+    let scenes = given.iter().map(|name| Ok((name, Scene::open(name)?)));
+    let drawn = |opened: &Result<(&PathBuf, Scene)>| {
+        !names.is_empty() || opened.as_ref().map_or(true, |(_, scene)| scene.beyond_lobes().is_none())
+    };
+    let scenes = scenes.filter(drawn).map(|opened| {
+        let (name, mut scene) = opened?;
         let camera = &mut scene.camera;
         camera.height = (width * camera.height / camera.width).max(1);
         camera.width = width;

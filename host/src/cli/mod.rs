@@ -26,6 +26,7 @@ mod edit;
 mod environment;
 mod fit;
 mod methods;
+mod paths;
 mod plan;
 mod render;
 mod rig;

@@ -6,6 +6,7 @@ use std::time::Instant;
 use super::Context;
 use super::environment::EnvironmentArgs;
 use super::methods::{self, MethodArg, options};
+use super::paths::PathArgs;
 use crate::chart::Table;
 use crate::error::{Error, Result};
 use crate::figures::ErrorFigure;
@@ -23,7 +24,8 @@ use crate::scene::{Scene, State};
 /// Render a scene of SBRDF materials.
 #[derive(Debug, clap::Args)]
 pub(super) struct RenderArgs {
-    /// The scene: a .toml file, or one that is shipped: studio-ball, sky-drape, lamps, window, metal-row, gallery, teapot
+    /// The scene: a .toml file, or one that is shipped: studio-ball, sky-drape, lamps, window, metal-row, gallery,
+    /// teapot, glass-mirror, lanterns
     pub(super) scene: PathBuf,
     /// Where the picture goes: .exr is linear, .png is tone-mapped. May be given more than once. A name with # (frame-##.png)
     /// takes every frame of the scene's animation
@@ -68,6 +70,8 @@ pub(super) struct RenderArgs {
     /// Rows, instead of the scene's; pixels a row follow when --width is not given
     #[arg(long)]
     pub(super) height: Option<u32>,
+    #[command(flatten)]
+    pub(super) paths: PathArgs,
     #[command(flatten)]
     pub(super) lights: LightsArgs,
     #[command(flatten)]
@@ -123,13 +127,16 @@ impl RenderArgs {
     /// What the reference is to do.
     fn settings(&self, seed: u64) -> reference::Settings {
         let budget = self.seconds.is_some() || self.max_error.is_some();
-        reference::Settings {
+        let mut settings = reference::Settings {
             samples: self.samples.unwrap_or(if budget { 1 << 20 } else { 64 }),
             seconds: self.seconds,
             max_error: self.max_error,
             bounces: self.bounces.unwrap_or(reference::Settings::default().bounces),
             seed,
-        }
+            ..reference::Settings::default()
+        };
+        self.paths.apply(&mut settings);
+        settings
     }
 
     /// Refuses what a method that is named would not look at.
@@ -202,6 +209,9 @@ pub(super) fn run(args: &RenderArgs, context: &mut Context) -> Result<()> {
     context.report.figure("pixels", vec![picture.width, picture.height]);
     context.report.figure("samples", cost.samples);
     context.report.figure("rays", cost.rays);
+    if cost.rays > 0 {
+        context.report.figure("rays_per_second", cost.rays as f64 / cost.render_seconds);
+    }
     context.report.figure("draws", cost.draws);
     context.report.figure("render_memory_bytes", cost.memory_bytes);
     context.report.figure("method", outcome.method.name);
@@ -336,6 +346,7 @@ fn render_scene(args: &RenderArgs, seed: u64) -> Result<RenderOutcome> {
         };
     }
     let (states, paths): (Vec<State>, Vec<Vec<PathBuf>>) = frames(&scene, args)?.into_iter().unzip();
+    args.paths.check(args.method, states.len() > 1)?;
     for State { camera, .. } in &states {
         camera.check()?;
         // Means and variances of a pixel, and the picture in the forms that it is written in.
@@ -382,7 +393,8 @@ fn render_scene(args: &RenderArgs, seed: u64) -> Result<RenderOutcome> {
     stages.push(("prepare", cost.prepare_seconds));
     stages.extend((cost.light_seconds > 0.0).then_some(("light", cost.light_seconds)));
     stages.extend([("render", cost.view_seconds + cost.render_seconds), ("write", write_seconds)]);
-    let written = paths.into_iter().flatten().collect();
+    let layers = args.paths.write(&scene, &settings.reference)?;
+    let written = paths.into_iter().flatten().chain(layers).collect();
     let render::Drawn { method, note, tried, last, .. } = drawn;
     Ok(RenderOutcome { stages, method, note, tried, rendering: last, errors, written })
 }
@@ -457,6 +469,7 @@ mod tests {
             bounces: Some(4),
             variance: None,
             against: None,
+            paths: PathArgs::default(),
             lights: LightsArgs::default(),
             environment: EnvironmentArgs::default(),
             width: Some(32),

@@ -15,10 +15,10 @@ use super::{FitOptions, fit_window, has_samples};
 use lobelia_base::error::{Error, Result};
 use lobelia_base::hash::sha256;
 use lobelia_base::progress;
-use lobelia_reflectance::SbrdfMap;
 use lobelia_reflectance::mip;
 use lobelia_reflectance::sampled::{SampledSbrdf, SampledStore, Window};
 use lobelia_reflectance::warning::samples::Tally;
+use lobelia_reflectance::{MIRROR_SOLID_ANGLE, SbrdfMap};
 
 /// Part `index` (from 1) of `count`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -120,7 +120,22 @@ fn fit_level_counted(
     if level > 0 {
         map.attributes.insert("mip.level".into(), level.to_string());
     }
+    tell_lamp(store, &mut map);
     Ok(map)
+}
+
+/// Adds the solid angle of the lamp to a map in which a mirror was met, where the store knows the lamp: the mean over its poses at the
+/// sample's centre.
+fn tell_lamp(store: &SampledStore, map: &mut SbrdfMap) {
+    let Some(aperture) = store.lamp_aperture_mm2.filter(|_| map.extra.contains_key("mirror.R")) else {
+        return;
+    };
+    let poses = store.poses.iter().filter(|pose| pose.weight > 0.0);
+    let angles: Vec<f64> = poses.map(|pose| aperture / pose.light_mm.length_squared()).collect();
+    let mean = angles.iter().sum::<f64>() / angles.len().max(1) as f64;
+    if mean > 0.0 {
+        map.attributes.insert(MIRROR_SOLID_ANGLE.into(), mean.to_string());
+    }
 }
 
 /// Fits a part of a store into a shard; its samples are counted.

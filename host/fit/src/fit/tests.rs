@@ -256,6 +256,51 @@ fn auto_reports_a_mirror_and_fits_the_lobes_beside_it_as_without() {
     }
 }
 
+/// ρ_m = f cosθ_i dω_i, with the lamp that the store tells of.
+#[test]
+fn a_mirrors_reflectance_comes_back_from_a_store_that_knows_the_lamp() {
+    use lobelia_reflectance::sampled::{APERTURE_KEY, Attributes, SampledStore};
+    let (rho, aperture) = (0.4f32, 78.5f32);
+    let mut poses = crate::synth::poses(200, 5);
+    poses[0].camera_mm = poses[0].light_mm * glam::DVec3::new(-1.0, -1.0, 1.0);
+    let distance = poses[0].light_mm.length() as f32;
+    assert!(poses.iter().all(|pose| (pose.light_mm.length() as f32 / distance - 1.0).abs() < 1e-5));
+    let options = crate::synth::Options {
+        width: 3,
+        height: 2,
+        texel_mm: 0.1,
+        poses: 200,
+        noise: 1e-3,
+        relative_noise: 0.01,
+        seed: 5,
+    };
+    let plain = LobeBrdf::diffuse(Rgb::splat(0.2));
+    let sampled = crate::synth::sample_at(poses, &options, |_, _, wi, wo| {
+        let met = (wi + wo).normalize().z > 0.999_996;
+        let peak = rho * distance * distance / (aperture * wi.z);
+        plain.eval(wi, wo) + if met { Rgb::splat(peak) } else { Rgb::ZERO }
+    });
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("sampled.zarr");
+    let options = FitOptions { choose: true, lobes: 3, ..FitOptions::default() };
+    for known in [true, false] {
+        let mut attributes = Attributes::new();
+        if known {
+            attributes.insert(APERTURE_KEY.into(), f64::from(aperture).into());
+        }
+        let _ = std::fs::remove_dir_all(&path);
+        sampled.write_zarr_with(&path, &attributes).unwrap();
+        let map = chunks::fit_store(&SampledStore::open(&path).unwrap(), &options).unwrap();
+        let angle = map.attributes.get(lobelia_reflectance::MIRROR_SOLID_ANGLE);
+        assert_eq!(angle.is_some(), known);
+        let Some(angle) = angle.map(|text| text.parse::<f32>().unwrap()) else { continue };
+        for value in &map.extra["mirror.G"] {
+            // Four standard deviations of 1 %.
+            assert!((value * angle / rho - 1.0).abs() < 0.04, "{}", value * angle);
+        }
+    }
+}
+
 #[test]
 fn weights_by_standard_deviation_ask_for_them_and_for_the_linear_residual() {
     let linear = FitOptions { weights: Weights::Sigma, residual: Residual::Linear, ..FitOptions::default() };

@@ -16,7 +16,7 @@ use lobelia_base::error::{Error, Result};
 use lobelia_base::memory;
 use lobelia_base::progress;
 use lobelia_reflectance::sampled::{
-    Attributes, CLIPPED_KEY, PoseGeometry, SampledSbrdf, Window, texel_position_mm,
+    APERTURE_KEY, Attributes, CLIPPED_KEY, PoseGeometry, SampledSbrdf, Window, texel_position_mm,
 };
 use lobelia_reflectance::warning::samples::PoseSamples;
 
@@ -53,6 +53,8 @@ pub struct Developed {
     pub common_fault: Option<String>,
     /// Frames that were left out because they are damaged, and why.
     pub left_out: Vec<String>,
+    /// Area of the lamp's aperture, mm².
+    pub lamp_aperture_mm2: f64,
 }
 
 /// One developed pose: its geometry, its registration and its texels.
@@ -134,17 +136,22 @@ pub fn run_with(folder: &Path, options: &Options) -> Result<Developed> {
             _ => "all poses are left out, so there is nothing to develop".to_string(),
         }));
     }
-    Ok(Developed { sampled, registrations, samples, common_fault, left_out: photographs.left_out() })
+    let lamp_aperture_mm2 = photographs.run.rig.lamp.aperture_mm2();
+    let left_out = photographs.left_out();
+    Ok(Developed { sampled, registrations, samples, common_fault, left_out, lamp_aperture_mm2 })
 }
 
 impl Developed {
-    /// What the store of the samples says of them: the share that is clipped, a pose.
+    /// What the store of the samples says of them: the share that is clipped, a pose, and the lamp's aperture.
     pub fn attributes(&self) -> Attributes {
         let mut shares = vec![0.0; self.sampled.poses.len()];
         for (pose, samples) in &self.samples {
             shares[*pose] = samples.clipped_share();
         }
-        Attributes::from([(CLIPPED_KEY.to_string(), shares.into())])
+        Attributes::from([
+            (CLIPPED_KEY.to_string(), shares.into()),
+            (APERTURE_KEY.to_string(), self.lamp_aperture_mm2.into()),
+        ])
     }
 }
 

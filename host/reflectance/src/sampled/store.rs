@@ -31,6 +31,8 @@ const OFFSET_KEY: &str = "offset_texels";
 
 /// Attribute of a developed store: for each pose the share of its samples that are saturated in every exposure, which are NaN.
 pub const CLIPPED_KEY: &str = "clipped_by_pose";
+/// The attribute of a store's root with the area of the lamp's aperture, mm²: by it a mirror's peak becomes a reflectance.
+pub const APERTURE_KEY: &str = "lamp_aperture_mm2";
 
 /// Attribute of a store that Lobelia wrote: the hash of its samples, by which parts of a fit know that they were made of one store.
 const SAMPLES_KEY: &str = "samples_sha256";
@@ -171,6 +173,8 @@ pub struct SampledStore {
     pub clipped: Option<Vec<f64>>,
     /// What the store says of its samples, where it does ([`SAMPLES_KEY`]).
     samples_sha256: Option<String>,
+    /// Area of the lamp's aperture, mm², where the store says so ([`APERTURE_KEY`]).
+    pub lamp_aperture_mm2: Option<f64>,
 }
 
 impl SampledStore {
@@ -416,6 +420,12 @@ fn open_store(path: &Path) -> std::result::Result<SampledStore, String> {
             weight[pose]
         ));
     }
+    let aperture = attribute(APERTURE_KEY).map(|value| {
+        value.as_f64().filter(|area| area.is_finite() && *area > 0.0).ok_or_else(|| {
+            format!("its attribute {APERTURE_KEY} is {value}, not an area above 0; correct it or delete it")
+        })
+    });
+    let lamp_aperture_mm2 = aperture.transpose()?;
     let clipped = attribute(CLIPPED_KEY).map(|value| clipped_shares(value, poses)).transpose()?;
     let pose = |pose: usize| {
         let [light_mm, camera_mm] = [&light, &camera].map(|places| DVec3::from_slice(&places[3 * pose..]));
@@ -435,6 +445,7 @@ fn open_store(path: &Path) -> std::result::Result<SampledStore, String> {
         unknown_poses,
         clipped,
         samples_sha256: attribute(SAMPLES_KEY).and_then(serde_json::Value::as_str).map(str::to_owned),
+        lamp_aperture_mm2,
     })
 }
 

@@ -8,7 +8,7 @@ use glam::{Vec2, Vec3};
 use super::math;
 use crate::scene::{Filter, Light, Reflectance, Scene};
 use lobelia_reflectance::mip;
-use lobelia_reflectance::{Lobe, LobeBrdf, Microfacet, Rgb, colour, lobe::into_lobe_frame};
+use lobelia_reflectance::{AshikhminShirley, Lobe, LobeBrdf, Microfacet, Rgb, colour, lobe::into_lobe_frame};
 
 /// Lobes whose value would fall below 2^−40 of ρ_s are skipped.
 const NEGLIGIBLE_LOG2: f32 = -40.0;
@@ -282,16 +282,28 @@ pub(crate) struct Shader {
     pub(crate) lobes: Vec<Aimed>,
     /// The microfacet terms.
     pub(crate) microfacets: Vec<AimedMicrofacet>,
+    /// A BRDF of another form, and its probability in the mixture.
+    pub(crate) other: Option<(AshikhminShirley, f32)>,
     /// The exitant direction.
     pub(crate) wo: Vec3,
     /// Probability of the cosine-weighted sampling of the diffuse term.
     pub(crate) diffuse_share: f32,
+    /// About the luminance of its albedo, where sampling was prepared.
+    pub(crate) albedo: f32,
 }
 
 impl Shader {
     /// An empty one, to be aimed.
     pub(crate) fn new() -> Self {
-        Self { rho_d: Rgb::ZERO, lobes: Vec::new(), microfacets: Vec::new(), wo: Vec3::Z, diffuse_share: 1.0 }
+        Self {
+            rho_d: Rgb::ZERO,
+            lobes: Vec::new(),
+            microfacets: Vec::new(),
+            other: None,
+            wo: Vec3::Z,
+            diffuse_share: 1.0,
+            albedo: 0.0,
+        }
     }
 
     /// Takes a texel and an exitant direction (in the sample's frame, above the surface); with `sampling`, prepares
@@ -320,6 +332,7 @@ impl Shader {
     pub(crate) fn aim_lobes(&mut self, rho_d: Rgb, lobes: &[PackedLobe], wo: Vec3) {
         self.rho_d = rho_d;
         self.wo = wo;
+        self.other = None;
         self.microfacets.clear();
         self.lobes.clear();
         for lobe in lobes {
@@ -366,6 +379,7 @@ impl Shader {
             *share = colour::luminance(coat.f0 + (coat.f90 - coat.f0) * grazing);
             total += *share;
         }
+        self.albedo = total;
         // A tenth of the samples at least go over the whole hemisphere, so that no direction is left out.
         let scale = if total > 0.0 { 0.9 / total } else { 0.0 };
         self.diffuse_share = 1.0;
@@ -378,6 +392,33 @@ impl Shader {
             coat.share *= scale;
             self.diffuse_share -= coat.share;
         }
+    }
+
+    /// Takes a BRDF of another form alone and an exitant direction.
+    pub(crate) fn aim_other(&mut self, brdf: &AshikhminShirley, wo: Vec3) {
+        self.aim_lobes(Rgb::ZERO, &[], wo);
+        let [diffuse, specular] = [brdf.diffuse, brdf.specular].map(colour::luminance);
+        let fresnel = specular + (1.0 - specular) * (1.0 - wo.z).powi(5);
+        let share = 0.9 * fresnel / (fresnel + diffuse * (1.0 - specular)).max(f32::MIN_POSITIVE);
+        (self.other, self.diffuse_share) = (Some((*brdf, share)), 1.0 - share);
+    }
+
+    /// Whether nothing is reflected.
+    pub(crate) fn is_black(&self) -> bool {
+        self.rho_d == Rgb::ZERO
+            && self.lobes.is_empty()
+            && self.microfacets.is_empty()
+            && self.other.is_none()
+    }
+
+    /// Whether there is nothing but a diffuse term.
+    pub(crate) fn is_diffuse(&self) -> bool {
+        self.lobes.is_empty() && self.microfacets.is_empty() && self.other.is_none()
+    }
+
+    /// The part of [`Self::eval`] that is the diffuse term's.
+    pub(crate) fn eval_diffuse(&self, wi: Vec3) -> Rgb {
+        self.rho_d + self.other.map_or(Rgb::ZERO, |(brdf, _)| brdf.diffuse(wi, self.wo))
     }
 
     /// Reflectance in sr⁻¹ (4.1) for an incident direction of the sample's frame.
@@ -403,6 +444,10 @@ impl Shader {
             for AimedMicrofacet { coat, share } in &self.microfacets {
                 reflectance += coat.eval(wi, self.wo);
                 density += share * coat.density(wi, self.wo);
+            }
+            if let Some((brdf, share)) = &self.other {
+                reflectance += brdf.eval(wi, self.wo);
+                density += share * brdf.density(wi, self.wo);
             }
         }
         (reflectance, density)

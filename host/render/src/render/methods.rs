@@ -39,7 +39,7 @@ pub struct Method {
     /// What it can vary from frame to frame.
     pub varies: Varies,
     /// What of a scene it cannot draw, by name; empty where it draws it.
-    pub cannot_draw: fn(&Scene) -> Vec<&'static str>,
+    pub cannot_draw: fn(&Scene) -> Vec<String>,
     /// Whether it stores what it prepares.
     pub bakes: bool,
     /// The renderer by the settings given.
@@ -84,7 +84,7 @@ pub static METHODS: [Method; 3] = [
         summary: "Prefiltered environment maps, on the CPU or the GPU",
         draws: "environment by prefiltered maps (6.13)–(6.18), lights as in `lights`, with shadows on the GPU",
         varies: Varies::ALL,
-        cannot_draw: |_| Vec::new(),
+        cannot_draw: |scene| scene.beyond_lobes().into_iter().collect(),
         bakes: true,
         renderer: |settings| Box::new(settings.environment),
         variants: |scene, settings| environment::variants(scene, &settings.environment),

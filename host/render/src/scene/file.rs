@@ -15,7 +15,7 @@
 //! builtin = "studio"                    # or "sky", or file = "lobby.exr"
 //!
 //! [[object]]
-//! mesh = "drape"                        # sphere, plane, backdrop, drape, or a .gltf, .glb, .obj, .ply or .bpt (Bézier patches) file
+//! mesh = "drape"                        # sphere, plane, backdrop, drape, swarm, or a .gltf, .glb, .obj, .ply or .bpt (Bézier patches) file
 //! # or a shape to a tolerance, how far triangles may be from it in units of the scene (1/2000 of its longest side when left out):
 //! # shape.sphere = { radius = 1.0, tolerance = 0.001 }
 //! # shape.torus = { radius = 1.0, tube = 0.3 }
@@ -29,6 +29,8 @@
 //! map = "weave.exr"                     # or published = "clay", or weave or check = ["clay", "felt"],
 //!                                       # or albedo, rho_d, beta_deg and lobes; weave.mip1.exr and so on are its MIP levels
 //! tiling = [4.0, 4.0]
+//! mirror = [0.1, 0.1, 0.1]              # a perfect mirror, over those or alone; other materials: [`super::material_file`]
+//! emission = [2.0, 2.0, 2.0]            # radiance of the front; emission_map = "glow.exr" is a texture of it
 //! mask = "leaf.png"                     # cut out where alpha, or brightness, is below 0.5; a map may have a channel alpha instead
 //!
 //! [[light]]
@@ -56,22 +58,22 @@
 //! ```
 
 use std::collections::BTreeMap;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::sync::Arc;
 
-use glam::{Affine3A, DVec3, EulerRot, Quat, Vec2, Vec3};
+use glam::{Affine3A, DVec3, EulerRot, Quat, Vec3};
 use serde::Deserialize;
 
+use super::material_file::MaterialFile;
 use super::shape_file::ShapeFile;
 use super::state::Drive;
 use super::{
-    Animation, Background, Camera, Environment, Filter, Light, Mask, Material, Mesh, Object, Parameter,
-    Placement, Reflectance, Scene, State, shapes, shipped, showcase,
+    Animation, Background, Camera, Environment, Light, Mesh, Object, Parameter, Placement, Scene, State,
+    shapes, shipped,
 };
 use lobelia_base::error::{Error, Result};
 use lobelia_base::{files, toml_file};
-use lobelia_reflectance::mip;
-use lobelia_reflectance::{Lobe, LobeBrdf, Rgb, SbrdfMap, colour, materials};
+use lobelia_reflectance::{Rgb, colour};
 
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -181,32 +183,6 @@ struct ObjectFile {
     material: MaterialFile,
 }
 
-#[derive(Deserialize, Default)]
-#[serde(deny_unknown_fields)]
-struct MaterialFile {
-    map: Option<String>,
-    published: Option<String>,
-    weave: Option<[String; 2]>,
-    check: Option<[String; 2]>,
-    albedo: Option<Rgb>,
-    rho_d: Option<Rgb>,
-    #[serde(default)]
-    beta_deg: f32,
-    #[serde(default)]
-    lobes: Vec<LobeFile>,
-    tiling: Option<Vec2>,
-    filter: Option<Filter>,
-    mask: Option<String>,
-}
-
-#[derive(Deserialize)]
-#[serde(deny_unknown_fields)]
-struct LobeFile {
-    rho_s: Rgb,
-    c: Vec3,
-    n: f32,
-}
-
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct LightFile {
@@ -234,7 +210,7 @@ fn up() -> Vec3 {
 }
 
 /// Names as a list in a sentence.
-fn either(names: &[&str]) -> String {
+pub(super) fn either(names: &[&str]) -> String {
     names.iter().map(|name| format!("\"{name}\"")).collect::<Vec<_>>().join(", ")
 }
 
@@ -275,24 +251,6 @@ impl Scene {
     }
 }
 
-/// The MIP levels that lie beside a map, which must be its own: those of an earlier map of that name would show from afar alone.
-fn levels_of(
-    finest: &Path,
-    map: &SbrdfMap,
-    levels: Vec<(PathBuf, Arc<SbrdfMap>)>,
-) -> Result<Vec<Arc<SbrdfMap>>> {
-    let known = || levels.iter().filter_map(|(file, level)| Some((file, level.attributes.get(mip::OF)?)));
-    let of = known().next().map(|_| mip::fingerprint(map));
-    if let Some((file, _)) = known().find(|(_, whose)| Some(*whose) != of.as_ref()) {
-        return Err(Error::input(format!(
-            "key map: {}: a MIP level of another map than {}; fit again with --mip, or remove the levels",
-            file.display(),
-            finest.display()
-        )));
-    }
-    Ok(levels.into_iter().map(|(_, level)| level).collect())
-}
-
 /// Turns the parsed file into a checked scene.
 fn build(file: SceneFile, folder: &Path) -> Result<Scene> {
     let CameraFile { position, target, up, fov_deg, width, height } = file.camera;
@@ -305,8 +263,7 @@ fn build(file: SceneFile, folder: &Path) -> Result<Scene> {
         let name = object.name.clone().unwrap_or_else(|| format!("{kind} {index}"));
         let place = format!("object \"{name}\"");
         let (mesh, middle) = geometry(object, folder).map_err(|error| error.at(&place))?;
-        let material =
-            material(&object.material, folder).map_err(|error| error.at("key material").at(&place))?;
+        let material = object.material.read(folder).map_err(|error| error.at("key material").at(&place))?;
         let [x, y, z] = object.rotate_deg.to_array().map(f32::to_radians);
         let rotation = Quat::from_euler(EulerRot::ZYX, z, y, x);
         // Where the mesh's own origin comes to stand, in double precision.
@@ -444,78 +401,13 @@ fn mesh(name: &str, folder: &Path) -> Result<(Mesh, DVec3)> {
         "plane" => shape(shapes::plane(16)),
         "backdrop" => shape(shapes::backdrop(64)),
         "drape" => shape(shapes::drape(224)),
+        "swarm" => shape(shapes::swarm(50)),
         file if Path::new(file).extension().is_some() => Mesh::read(&folder.join(file)),
         other => Err(Error::input(format!(
             "there is no shape \"{other}\"; use one of {} or a .gltf, .glb, .obj, .ply or .bpt file",
-            either(&["sphere", "plane", "backdrop", "drape"])
+            either(&["sphere", "plane", "backdrop", "drape", "swarm"])
         ))),
     }
-}
-
-/// The material of exactly one kind.
-fn material(entry: &MaterialFile, folder: &Path) -> Result<Material> {
-    let inline = entry.albedo.is_some() || entry.rho_d.is_some() || !entry.lobes.is_empty();
-    let named = [
-        entry.map.is_some(),
-        entry.published.is_some(),
-        entry.weave.is_some(),
-        entry.check.is_some(),
-        inline,
-    ];
-    if named.iter().filter(|&&named| named).count() != 1 || (entry.albedo.is_some() && entry.rho_d.is_some())
-    {
-        return Err(Error::input(
-            "name exactly one of map, published, weave, check, or coefficients (albedo or rho_d, beta_deg, lobes)",
-        ));
-    }
-    let mut levels = vec![];
-    let reflectance = if let Some(file) = &entry.map {
-        let path = folder.join(file);
-        let read = |path: &Path| {
-            SbrdfMap::read_exr(path).map(Arc::new).map_err(|error| Error::format(error).at("key map"))
-        };
-        let map = read(&path)?;
-        let files = (1..=mip::last([map.width, map.height])).map(|level| mip::path(&path, level));
-        levels = files
-            .take_while(|file| file.exists())
-            .map(|file| read(&file).map(|level| (file, level)))
-            .collect::<Result<Vec<_>>>()
-            .and_then(|levels| levels_of(&path, &map, levels))?;
-        Reflectance::Map(map)
-    } else if let Some(name) = &entry.published {
-        Reflectance::Uniform(published(name)?)
-    } else if let Some([warp, weft]) = &entry.weave {
-        Reflectance::Map(Arc::new(showcase::weave(&published(warp)?, &published(weft)?, 16)))
-    } else if let Some([first, second]) = &entry.check {
-        Reflectance::Map(Arc::new(showcase::check(&published(first)?, &published(second)?, 2, 32)))
-    } else {
-        let mut brdf = LobeBrdf::diffuse(entry.albedo.unwrap_or(Rgb::ZERO));
-        brdf.rho_d = entry.rho_d.unwrap_or(brdf.rho_d);
-        brdf.lobes = entry.lobes.iter().map(|lobe| Lobe::new(lobe.rho_s, lobe.c, lobe.n)).collect();
-        Reflectance::Uniform(brdf)
-    };
-    let reflectance = match reflectance {
-        Reflectance::Uniform(brdf) => Reflectance::Uniform(brdf.rotated(entry.beta_deg.to_radians())),
-        Reflectance::Map(_) if entry.beta_deg != 0.0 => {
-            return Err(Error::input("key beta_deg: a map has its own direction of anisotropy"));
-        }
-        map => map,
-    };
-    let tiling = entry.tiling.unwrap_or(Vec2::ONE);
-    let mut material = Material::new(reflectance, tiling, entry.filter.unwrap_or_default());
-    material.levels = levels;
-    if let Some(file) = &entry.mask {
-        let mask = Mask::read(&folder.join(file)).map_err(|error| error.at("key mask"))?;
-        material.mask = Some(Arc::new(mask));
-    }
-    Ok(material)
-}
-
-/// A published material by name.
-fn published(name: &str) -> Result<LobeBrdf> {
-    materials::published(name).ok_or_else(|| {
-        Error::input(format!("there is no material \"{name}\"; use one of {}", either(&materials::NAMES)))
-    })
 }
 
 /// A light of a known kind with the keys of that kind and no others.
@@ -589,6 +481,7 @@ fn background(text: Option<&str>) -> Result<Background> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use lobelia_reflectance::{SbrdfMap, mip};
 
     const CAMERA: &str =
         "[camera]\nposition = [0, 0, 4]\ntarget = [0, 0, 0]\nfov_deg = 40\nwidth = 8\nheight = 6\n";

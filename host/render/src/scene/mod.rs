@@ -11,7 +11,9 @@ mod frame;
 pub mod hash;
 mod import;
 pub mod mask;
+mod material_file;
 pub mod mesh;
+pub mod optics;
 mod shape_file;
 pub mod shapes;
 pub mod shipped;
@@ -27,11 +29,12 @@ pub use animation::Animation;
 pub use environment::Environment;
 pub use mask::Mask;
 pub use mesh::{Mesh, Vertex};
+pub use optics::{Dielectric, Optics, Texture};
 pub use state::{Parameter, Placement, State, Varies};
 
 use lobelia_base::error::{Error, Result};
 use lobelia_reflectance::mip;
-use lobelia_reflectance::{LobeBrdf, Rgb, SbrdfMap};
+use lobelia_reflectance::{LobeBrdf, MIRROR_SOLID_ANGLE, Rgb, SbrdfMap};
 
 /// Everything that a renderer needs to make a picture.
 #[derive(Debug, Clone)]
@@ -81,6 +84,10 @@ pub struct Material {
     pub levels: Vec<Arc<SbrdfMap>>,
     /// Where the material is cut out; it has the texture coordinates and the tiling of the map.
     pub mask: Option<Arc<Mask>>,
+    /// What it does beyond the lobes.
+    pub optics: Option<Optics>,
+    /// Radiance of its front, the side from which its triangles run counter-clockwise.
+    pub emission: Option<Texture>,
 }
 
 /// Where a material's reflectance comes from.
@@ -239,7 +246,14 @@ impl Material {
             Reflectance::Uniform(_) => None,
             Reflectance::Map(map) => Mask::of_map(map).map(Arc::new),
         };
-        Self { reflectance, tiling, filter, levels: vec![], mask }
+        Self { reflectance, tiling, filter, levels: vec![], mask, optics: None, emission: None }
+    }
+
+    /// The mirror term that was measured with a map: its channels `mirror.*`, f cosθ_i of the peak, times the solid angle of the lamp
+    /// that it was measured with (the attribute [`MIRROR_SOLID_ANGLE`]), without which they are no reflectance.
+    pub fn measured_mirror(map: &SbrdfMap) -> Option<Optics> {
+        let solid_angle = map.attributes.get(MIRROR_SOLID_ANGLE)?.parse::<f32>().ok()?;
+        Texture::of_map(map, "mirror", solid_angle).map(Optics::Mirror)
     }
 
     /// The BRDFs of all texels, those of the MIP levels after those of the map.
@@ -271,6 +285,9 @@ impl Material {
             }
             Self::check_map(&Reflectance::Map(map.clone())).map_err(|error| error.at(place()))?;
         }
+        self.optics.as_ref().map_or(Ok(()), Optics::check).map_err(|error| error.at("material"))?;
+        let emission = self.emission.as_ref().map_or(Ok(()), optics::check_emission);
+        emission.map_err(|error| error.at("material"))?;
         match &self.mask {
             Some(mask) if mask.width * mask.height == 0 => Err(Error::input("the mask has no texels")),
             _ => Ok(()),

@@ -71,6 +71,23 @@ pub fn sphere(columns: u32, rows: u32) -> Mesh {
     mesh
 }
 
+/// So many balls of unequal size, spread evenly over the cube −1..1.
+pub fn swarm(count: u32) -> Mesh {
+    /// Powers of the inverse of the root of x⁴ = x + 1: no gaps and no clusters, whatever the count.
+    const STEPS: Vec3 = Vec3::new(0.819_172_5, 0.671_043_6, 0.549_700_5);
+    let ball = sphere(16, 8);
+    let mut mesh = Mesh::default();
+    for k in 0..count {
+        let place = 2.0 * (STEPS * (k as f32 + 0.5)).fract() - 1.0;
+        let radius = 0.02 + 0.03 * (0.618_034 * k as f32).fract();
+        let first = mesh.vertices.len() as u32;
+        let placed = |vertex: &Vertex| Vertex { position: vertex.position * radius + place, ..*vertex };
+        mesh.vertices.extend(ball.vertices.iter().map(placed));
+        mesh.triangles.extend(ball.triangles.iter().map(|triangle| triangle.map(|i| i + first)));
+    }
+    mesh
+}
+
 /// Square −1..1 in the x–z plane facing +y; u along +x, v along +z.
 pub fn plane(cells: u32) -> Mesh {
     grid(cells, cells, |uv| Vec3::new(2.0 * uv.x - 1.0, 0.0, 2.0 * uv.y - 1.0), |_| Vec3::Y)
@@ -186,7 +203,7 @@ mod tests {
 
     #[test]
     fn every_shape_has_outward_triangles_and_orthonormal_frames() {
-        for mesh in [sphere(24, 12), plane(4), backdrop(16), drape(96)] {
+        for mesh in [sphere(24, 12), plane(4), backdrop(16), drape(96), swarm(5)] {
             frames_fit_their_triangles(&mesh);
         }
     }

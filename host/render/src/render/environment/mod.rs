@@ -116,6 +116,7 @@ impl Settings {
     /// Makes a scene ready, with maps that were baked or that are made now.
     fn made_ready(&self, scene: &Scene, baked: Option<&Baked>) -> Result<Box<dyn Player>> {
         scene.check()?;
+        scene.refuse_beyond_lobes("environment")?;
         self.check()?;
         let start = Instant::now();
         if self.gpu {

@@ -116,6 +116,7 @@ impl Settings {
     /// Input errors for a scene that [`Scene::check`] refuses, and for counts of 0.
     fn scene(&self, scene: &Scene) -> Result<Scene> {
         scene.check()?;
+        scene.refuse_beyond_lobes("lights")?;
         if self.samples == 0 || self.anisotropy == 0 || self.light_samples == 0 {
             return Err(Error::input("lights: samples, anisotropy and light samples must be 1 or more"));
         }
@@ -211,9 +212,10 @@ impl Renderer for Settings {
 }
 
 /// What of a scene is not drawn.
-pub(super) fn cannot_draw(scene: &Scene) -> Vec<&'static str> {
+pub(super) fn cannot_draw(scene: &Scene) -> Vec<String> {
     let alone = scene.lights.is_empty() && scene.environment.is_some();
-    if alone { vec!["a scene that its environment alone lights"] } else { vec![] }
+    let alone = alone.then(|| "a scene that its environment alone lights".to_owned());
+    alone.into_iter().chain(scene.beyond_lobes()).collect()
 }
 
 /// Storages and filters; the choice by error weighs those given.

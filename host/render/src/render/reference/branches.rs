@@ -188,8 +188,8 @@ fn best(variances: &[[f32; PARTS]], cost: [f32; PARTS]) -> Vec<u32> {
 
 #[cfg(test)]
 mod tests {
+    use super::super::Pixel;
     use super::super::trace::Tracer;
-    use super::super::{Pixel, Rays};
     use super::*;
 
     /// Mean cost times mean variance.
@@ -220,11 +220,9 @@ mod tests {
     #[test]
     fn branches_lower_the_noise_and_leave_the_mean() {
         let scene = crate::scene::showcase::published(12, 9);
-        let tracer = Tracer::new(&scene, 4);
+        let tracer = Tracer::new(&scene, 4, 2);
         let picture = |branches: u32, seed: u32| {
-            let rays = Rays::new(&scene.camera);
-            let view =
-                View { tracer: &tracer, rays, seed, width: 12, pass: 16, branches: vec![branches; 12 * 9] };
+            let view = View::new(&tracer, &scene.camera, seed, 16, vec![branches; 12 * 9]);
             let mut pixels = vec![Pixel::default(); 12 * 9];
             for pass in 1..=8 {
                 view.add(&mut pixels, pass, None, |_| ());

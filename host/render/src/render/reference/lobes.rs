@@ -29,6 +29,11 @@ pub(super) fn sample(shader: &Shader, choice: f32, [r, s]: [f32; 2]) -> Vec3 {
         }
         left -= microfacet.share;
     }
+    if let Some((brdf, share)) = &shader.other
+        && left < *share
+    {
+        return brdf.sample(shader.wo, [r, s]);
+    }
     let radius = s.sqrt();
     Vec3::new(radius * cos, radius * sin, (1.0 - s).max(0.0).sqrt())
 }
