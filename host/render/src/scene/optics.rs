@@ -148,9 +148,10 @@ impl Optics {
                 Err(Error::input("dielectric: index must be between 0.1 and 10, absorption not negative"))
             }
             Self::AshikhminShirley(AshikhminShirley { diffuse, specular, exponents, .. })
-                if !reflectance(*diffuse)
-                    || !reflectance(*specular)
-                    || !(exponents.is_finite() && exponents.min_element() >= 0.0) =>
+                if !(reflectance(*diffuse)
+                    && reflectance(*specular)
+                    && exponents.is_finite()
+                    && exponents.min_element() >= 0.0) =>
             {
                 Err(Error::input("ashikhmin: rho_d and rho_s must be between 0 and 1, n not negative"))
             }
