@@ -12,6 +12,8 @@ pub mod environment;
 mod flip;
 mod geometry;
 mod job;
+#[cfg(test)]
+mod incident;
 pub mod lights;
 mod materials;
 mod math;

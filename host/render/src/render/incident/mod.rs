@@ -1,0 +1,5 @@
+//! Near lights by samples of incident radiance.
+
+mod emitters;
+mod harmonics;
+mod polygon;
