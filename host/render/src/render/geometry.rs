@@ -142,8 +142,31 @@ impl Geometry {
 
     /// The nearest triangle along a ray of unit direction.
     pub(crate) fn nearest(&self, origin: Vec3, direction: Vec3) -> Option<Hit> {
+        self.nearest_at(origin, direction).map(|(hit, _)| hit)
+    }
+
+    /// The same with its distance.
+    pub(crate) fn nearest_at(&self, origin: Vec3, direction: Vec3) -> Option<(Hit, f32)> {
         let solid = |triangle, distance| self.solid(triangle, || origin + direction * distance);
-        self.bvh.nearest(origin, direction, solid).map(|(hit, _)| hit)
+        self.bvh.nearest(origin, direction, solid)
+    }
+
+    /// Whether a ray of unit direction meets anything.
+    pub(crate) fn meets(&self, origin: Vec3, direction: Vec3) -> bool {
+        self.bvh.any(origin, direction, f32::INFINITY, |triangle, distance| {
+            self.solid(triangle, || origin + direction * distance)
+        })
+    }
+
+    /// Length by which rays are kept off the surface that they start from.
+    pub(crate) fn offset(&self) -> f32 {
+        self.offset
+    }
+
+    /// The vertices of the triangle that was hit, those of all objects counted in order, with their weights.
+    pub(crate) fn blend_of(&self, hit: &Hit) -> ([u32; 3], [f32; 3]) {
+        let [wb, wc] = hit.weights.map(|weight| weight.clamp(0.0, 1.0));
+        (self.triangles[hit.triangle as usize], [(1.0 - wb - wc).max(0.0), wb, wc])
     }
 
     /// Where rays that leave a surface start.

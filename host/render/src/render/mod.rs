@@ -11,9 +11,8 @@ mod cost;
 pub mod environment;
 mod flip;
 mod geometry;
+pub mod incident;
 mod job;
-#[cfg(test)]
-mod incident;
 pub mod lights;
 mod materials;
 mod math;

@@ -34,6 +34,18 @@ fn of_light(light: &Light) -> Option<Emitter> {
     })
 }
 
+impl Emitter {
+    /// The middle of its corners.
+    pub(super) fn middle(&self) -> DVec3 {
+        self.corners.iter().sum::<DVec3>() / self.corners.len() as f64
+    }
+
+    /// Whether a point is on the side that shines.
+    pub(super) fn shines_to(&self, point: DVec3) -> bool {
+        self.radiance != DVec3::ZERO && self.normal.dot(point - self.corners[0]) > 0.0
+    }
+}
+
 /// An emitter seen from a point.
 struct Seen {
     /// Its outline, counter-clockwise as it is seen, in points of its plane.
@@ -202,6 +214,23 @@ impl Incident {
     }
 }
 
+/// The harmonic mean, by solid angle, of the distances of all emitters that are seen from a point, from behind too;
+/// none where none is.
+pub(super) fn harmonic_distance(emitters: &[Emitter], point: DVec3) -> Option<f64> {
+    let seen: Vec<Seen> = emitters.iter().filter_map(|emitter| Seen::new(emitter, point)).collect();
+    let (mut solid, mut inverse) = (0.0, 0.0);
+    for (index, one) in seen.iter().enumerate() {
+        let mut region = Region::empty();
+        visible(one, &seen, index).iter().for_each(|part| region.add(part, 1, Detail::Values));
+        let [zero, y, z, x] = [0, 1, 2, 3].map(|i| region.values[i]);
+        // Y_00 is a constant, those of degree 1 are −y, z and −x times another.
+        let pi = std::f64::consts::PI;
+        solid += zero * (4.0 * pi).sqrt();
+        inverse += DVec3::new(-x, -y, z).dot(one.normal) * (4.0 * pi / 3.0).sqrt() / one.distance;
+    }
+    (solid > 1e-12 && inverse > 0.0).then(|| solid / inverse)
+}
+
 #[cfg(test)]
 pub(super) mod tests {
     use super::*;
@@ -361,6 +390,27 @@ pub(super) mod tests {
                 }
             }
         }
+    }
+
+    #[test]
+    fn the_harmonic_distance_is_that_of_quadrature_and_counts_what_hides() {
+        let lights = apart();
+        let point = DVec3::new(0.3, -0.2, 0.1);
+        let (mut solid, mut inverse) = (0.0, 0.0);
+        for light in &lights {
+            let Light::Rectangle { centre, edges: [u, v], .. } = *light else { panic!() };
+            let [centre, u, v] = [centre, u, v].map(Vec3::as_dvec3);
+            for k in 0..200 * 200 {
+                let [a, b] = [k % 200, k / 200].map(|k| (f64::from(k) + 0.5) / 200.0 - 0.5);
+                let to = centre + u * a + v * b - point;
+                let part = u.cross(v).dot(to).abs() / to.length().powi(3);
+                solid += part;
+                inverse += part / to.length();
+            }
+        }
+        let found = harmonic_distance(&of_lights(&lights), point).unwrap();
+        assert!((found / (solid / inverse) - 1.0).abs() < 1e-4, "{found}");
+        assert_eq!(harmonic_distance(&[], point), None);
     }
 
     #[test]
