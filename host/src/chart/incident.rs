@@ -42,8 +42,15 @@ fn section(name: &str, study: &Study, degree: u32) -> Section {
     let ways = 2 + EPSILONS.len() + 6 + COUNTS.len() * EXPONENTS.len();
     let bar = progress::bar("sampling", ways as u64, "ways");
     let truth = study.sample(Sampling::Every, usize::MAX);
-    let mut table =
-        Table::new(["way", "setting", "samples", "sampling, s", "reconstruction, s", "relative RMSE"]);
+    let mut table = Table::new([
+        "way",
+        "setting",
+        "samples",
+        "kept",
+        "sampling, s",
+        "reconstruction, s",
+        "relative RMSE",
+    ]);
     let mut series: Vec<Series> = Vec::new();
     let mut add = |way: String, setting: String, outcome: &Outcome| {
         let error = outcome.rmse(&truth) / truth.rms();
@@ -51,6 +58,7 @@ fn section(name: &str, study: &Study, degree: u32) -> Section {
             way.as_str().into(),
             setting.into(),
             outcome.samples.into(),
+            outcome.kept.into(),
             outcome.sampling_seconds.into(),
             outcome.reconstruction_seconds.into(),
             error.into(),
@@ -132,6 +140,6 @@ mod tests {
         assert!(own.points[5][1] < own.points[0][1]);
         let rows = &section.tables[0].rows;
         assert!(rows.len() > 2 + EPSILONS.len() + COUNTS.len() * EXPONENTS.len());
-        assert_eq!(super::super::number(&rows[0][5]), Some(0.0));
+        assert_eq!(super::super::number(&rows[0][6]), Some(0.0));
     }
 }

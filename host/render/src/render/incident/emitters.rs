@@ -2,7 +2,6 @@
 
 use glam::DVec3;
 
-use super::harmonics::COUNT;
 use super::polygon::{Detail, Edge, Region};
 use crate::scene::Light;
 
@@ -174,40 +173,34 @@ fn visible(one: &Seen, all: &[Seen], index: usize) -> Vec<Vec<Edge>> {
 /// Incident radiance at a point, red, green and blue of each coefficient, and how it changes with the point.
 #[derive(Debug, Clone)]
 pub(super) struct Incident {
-    pub(super) values: [DVec3; COUNT],
-    /// Along x, y, z.
-    pub(super) gradients: [[DVec3; 3]; COUNT],
-    /// xx, yy, zz, xy, xz, yz.
-    pub(super) seconds: [[DVec3; 6]; COUNT],
+    pub(super) values: Vec<DVec3>,
+    /// Along x, y, z, where they are wanted.
+    pub(super) gradients: Vec<[DVec3; 3]>,
+    /// xx, yy, zz, xy, xz, yz, where they are wanted.
+    pub(super) seconds: Vec<[DVec3; 6]>,
 }
 
 impl Incident {
     /// At a point, from all emitters.
-    pub(super) fn at(emitters: &[Emitter], point: DVec3, degree: usize, detail: Detail) -> Box<Self> {
-        let mut incident = Box::new(Self {
-            values: [DVec3::ZERO; COUNT],
-            gradients: [[DVec3::ZERO; 3]; COUNT],
-            seconds: [[DVec3::ZERO; 6]; COUNT],
-        });
+    pub(super) fn at(emitters: &[Emitter], point: DVec3, degree: usize, detail: Detail) -> Self {
+        let mut region = Region::new(degree, detail);
+        let mut incident = Self {
+            values: vec![DVec3::ZERO; region.values.len()],
+            gradients: vec![[DVec3::ZERO; 3]; region.gradients.len()],
+            seconds: vec![[DVec3::ZERO; 6]; region.seconds.len()],
+        };
         let seen: Vec<Seen> = emitters.iter().filter_map(|emitter| Seen::new(emitter, point)).collect();
-        let mut region = Region::empty();
         for (index, one) in seen.iter().enumerate().filter(|(_, one)| one.radiance != DVec3::ZERO) {
-            region.clone_from(&Region::empty());
-            visible(one, &seen, index).iter().for_each(|part| region.add(part, degree, detail));
-            for (sum, value) in incident.values.iter_mut().zip(region.values) {
-                *sum += one.radiance * value;
+            region.clear();
+            visible(one, &seen, index).iter().for_each(|part| region.add(part));
+            for (sum, value) in incident.values.iter_mut().zip(&region.values) {
+                *sum += one.radiance * *value;
             }
-            if detail >= Detail::Gradients {
-                for (sum, gradient) in incident.gradients.iter_mut().zip(region.gradients) {
-                    sum.iter_mut()
-                        .zip(gradient.to_array())
-                        .for_each(|(sum, value)| *sum += one.radiance * value);
-                }
+            for (sum, gradient) in incident.gradients.iter_mut().zip(&region.gradients) {
+                sum.iter_mut().zip(gradient.to_array()).for_each(|(sum, value)| *sum += one.radiance * value);
             }
-            if detail >= Detail::Seconds {
-                for (sum, seconds) in incident.seconds.iter_mut().zip(region.seconds) {
-                    sum.iter_mut().zip(seconds).for_each(|(sum, value)| *sum += one.radiance * value);
-                }
+            for (sum, seconds) in incident.seconds.iter_mut().zip(&region.seconds) {
+                sum.iter_mut().zip(seconds).for_each(|(sum, value)| *sum += one.radiance * *value);
             }
         }
         incident
@@ -220,8 +213,8 @@ pub(super) fn harmonic_distance(emitters: &[Emitter], point: DVec3) -> Option<f6
     let seen: Vec<Seen> = emitters.iter().filter_map(|emitter| Seen::new(emitter, point)).collect();
     let (mut solid, mut inverse) = (0.0, 0.0);
     for (index, one) in seen.iter().enumerate() {
-        let mut region = Region::empty();
-        visible(one, &seen, index).iter().for_each(|part| region.add(part, 1, Detail::Values));
+        let mut region = Region::new(1, Detail::Values);
+        visible(one, &seen, index).iter().for_each(|part| region.add(part));
         let [zero, y, z, x] = [0, 1, 2, 3].map(|i| region.values[i]);
         // Y_00 is a constant, those of degree 1 are −y, z and −x times another.
         let pi = std::f64::consts::PI;
@@ -234,7 +227,7 @@ pub(super) fn harmonic_distance(emitters: &[Emitter], point: DVec3) -> Option<f6
 #[cfg(test)]
 pub(super) mod tests {
     use super::*;
-    use crate::render::incident::harmonics::{MOST, basis, gauss};
+    use crate::render::incident::harmonics::{COUNT, MOST, basis, gauss};
     use glam::{DQuat, Vec3};
 
     pub(in super::super) fn rectangle(
@@ -297,12 +290,12 @@ pub(super) mod tests {
         sum
     }
 
-    fn norm(values: &[DVec3; COUNT]) -> f64 {
+    fn norm(values: &[DVec3]) -> f64 {
         values.iter().map(|value| value.length_squared()).sum::<f64>().sqrt()
     }
 
-    fn distance(a: &[DVec3; COUNT], b: &[DVec3; COUNT]) -> f64 {
-        norm(&std::array::from_fn(|i| a[i] - b[i]))
+    fn distance(a: &[DVec3], b: &[DVec3]) -> f64 {
+        norm(&a.iter().zip(b).map(|(a, b)| *a - *b).collect::<Vec<_>>())
     }
 
     /// One rectangle near, one far and tilted, one seen from behind.
@@ -362,8 +355,8 @@ pub(super) mod tests {
                         Incident::at(&emitters, point + along * step, MOST, Detail::Values).values
                     };
                     let (up, down) = (at(1e-5), at(-1e-5));
-                    let expected = std::array::from_fn(|i| (up[i] - down[i]) / 2e-5);
-                    let gradient = std::array::from_fn(|i| found.gradients[i][axis]);
+                    let expected: [DVec3; COUNT] = std::array::from_fn(|i| (up[i] - down[i]) / 2e-5);
+                    let gradient: [DVec3; COUNT] = std::array::from_fn(|i| found.gradients[i][axis]);
                     let error = distance(&gradient, &expected) / norm(&expected);
                     assert!(error < 1e-6, "{point}, axis {axis}: {error:e}");
                 }
@@ -383,8 +376,9 @@ pub(super) mod tests {
                 let (up, down) = (at(1e-5), at(-1e-5));
                 for other in 0..3 {
                     let place = [[0, 3, 4], [3, 1, 5], [4, 5, 2]][axis][other];
-                    let expected = std::array::from_fn(|i| (up[i][other] - down[i][other]) / 2e-5);
-                    let second = std::array::from_fn(|i| found.seconds[i][place]);
+                    let expected: [DVec3; COUNT] =
+                        std::array::from_fn(|i| (up[i][other] - down[i][other]) / 2e-5);
+                    let second: [DVec3; COUNT] = std::array::from_fn(|i| found.seconds[i][place]);
                     let error = distance(&second, &expected) / norm(&expected);
                     assert!(error < 1e-5, "{point}, {axis} {other}: {error:e}");
                 }

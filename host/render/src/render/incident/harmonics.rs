@@ -72,32 +72,39 @@ pub(super) fn basis(degree: usize, direction: DVec3) -> [f64; COUNT] {
     y
 }
 
-/// The same with their gradients on the sphere.
-pub(super) fn basis_with_gradients(degree: usize, direction: DVec3) -> ([f64; COUNT], [DVec3; COUNT]) {
+/// The same with their slopes along two directions that are tangent to the sphere there.
+pub(super) fn basis_with_slopes(
+    degree: usize,
+    direction: DVec3,
+    along: [DVec3; 2],
+) -> ([f64; COUNT], [[f64; COUNT]; 2]) {
     let (q, norms) = (legendre(degree, direction.z), norms());
-    let (mut y, mut gradients) = ([0.0; COUNT], [DVec3::ZERO; COUNT]);
+    let (mut y, mut slopes) = ([0.0; COUNT], [[0.0; COUNT]; 2]);
     // (x + iy)^m, and the power before.
     let (mut power, mut before) = ([1.0, 0.0], [0.0; 2]);
     for m in 0..=degree {
-        let slope = before.map(|part| m as f64 * part);
+        // Slopes of the power: m (x + iy)^(m − 1) times those of x + iy.
+        let turning = along.map(|to| {
+            [before[0] * to.x - before[1] * to.y, before[0] * to.y + before[1] * to.x]
+                .map(|part| m as f64 * part)
+        });
         for l in m..=degree {
             let middle = l * (l + 1);
-            let (norm, value) = (norms[middle + m], q[middle + m]);
-            let steep = if m < l { -q[middle + m + 1] } else { 0.0 };
-            let gradient = |part: f64, along: [f64; 2]| {
-                let flat = DVec3::new(value * along[0], value * along[1], steep * part) * norm;
-                flat - direction * direction.dot(flat)
-            };
-            y[middle - m] = norm * value * power[1];
-            gradients[middle - m] = gradient(power[1], [slope[1], slope[0]]);
-            y[middle + m] = norm * value * power[0];
-            gradients[middle + m] = gradient(power[0], [slope[0], -slope[1]]);
+            let norm = norms[middle + m];
+            let value = norm * q[middle + m];
+            let steep = if m < l { -norm * q[middle + m + 1] } else { 0.0 };
+            y[middle - m] = value * power[1];
+            y[middle + m] = value * power[0];
+            for ((slopes, to), turning) in slopes.iter_mut().zip(along).zip(turning) {
+                slopes[middle - m] = value * turning[1] + steep * to.z * power[1];
+                slopes[middle + m] = value * turning[0] + steep * to.z * power[0];
+            }
         }
         let [re, im] = power;
         before = power;
         power = [re * direction.x - im * direction.y, re * direction.y + im * direction.x];
     }
-    (y, gradients)
+    (y, slopes)
 }
 
 /// Coefficients of the clamped cosine about a unit normal.
@@ -227,18 +234,18 @@ pub(super) mod tests {
     }
 
     #[test]
-    fn gradients_are_those_of_differences_and_tangent() {
+    fn slopes_are_those_of_differences() {
         for d in spread(20) {
-            let (y, gradients) = basis_with_gradients(MOST, d);
-            assert_eq!(y, basis(MOST, d));
             let aside = d.any_orthonormal_vector();
-            for along in [aside, d.cross(aside)] {
+            let along = [aside, d.cross(aside)];
+            let (y, slopes) = basis_with_slopes(MOST, d, along);
+            assert_eq!(y, basis(MOST, d));
+            for (slopes, along) in slopes.iter().zip(along) {
                 let step = 1e-5;
                 let [up, down] = [step, -step].map(|s| basis(MOST, (d + along * s).normalize()));
                 for i in 0..COUNT {
                     let expected = (up[i] - down[i]) / (2.0 * step);
-                    assert!((gradients[i].dot(along) - expected).abs() < 1e-7, "Y {i} at {d}");
-                    assert!(gradients[i].dot(d).abs() < 1e-11);
+                    assert!((slopes[i] - expected).abs() < 1e-7, "Y {i} at {d}");
                 }
             }
         }

@@ -28,6 +28,9 @@ use std::time::Instant;
 use glam::{Vec3, Vec4};
 use rayon::prelude::*;
 
+pub use published::Oracle;
+pub use study::{Outcome, Sampling, Study};
+
 use super::bake::{Bake, Baked, MadeOf};
 use super::geometry::Geometry;
 use super::materials::Materials;
@@ -42,8 +45,6 @@ use ground::Ground;
 use lobelia_base::error::{Error, Result};
 use lobelia_reflectance::Rgb;
 use lobelia_reflectance::picture::Picture;
-pub use published::Oracle;
-pub use study::{Outcome, Sampling, Study};
 use transfer::Receivers;
 use tree::Tree;
 

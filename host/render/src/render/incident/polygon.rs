@@ -12,7 +12,7 @@
 
 use glam::DVec3;
 
-use super::harmonics::{self, COUNT, MOST_NODES};
+use super::harmonics::{self, MOST_NODES};
 
 /// An arc between two directions, of any length, with the region on its left seen from the point.
 #[derive(Debug, Clone, Copy)]
@@ -46,20 +46,35 @@ pub(super) enum Detail {
 /// Coefficients of unit radiance from a region, and how they change with the point.
 #[derive(Debug, Clone)]
 pub(super) struct Region {
-    pub(super) values: [f64; COUNT],
-    pub(super) gradients: [DVec3; COUNT],
-    /// xx, yy, zz, xy, xz, yz.
-    pub(super) seconds: [[f64; 6]; COUNT],
+    degree: usize,
+    pub(super) values: Vec<f64>,
+    /// Where they are wanted.
+    pub(super) gradients: Vec<DVec3>,
+    /// xx, yy, zz, xy, xz, yz, where they are wanted.
+    pub(super) seconds: Vec<[f64; 6]>,
 }
 
 impl Region {
-    /// Nothing.
-    pub(super) fn empty() -> Self {
-        Self { values: [0.0; COUNT], gradients: [DVec3::ZERO; COUNT], seconds: [[0.0; 6]; COUNT] }
+    /// Nothing yet.
+    pub(super) fn new(degree: usize, detail: Detail) -> Self {
+        let count = |least: Detail| if detail >= least { harmonics::count(degree) } else { 0 };
+        Self {
+            degree,
+            values: vec![0.0; count(Detail::Values)],
+            gradients: vec![DVec3::ZERO; count(Detail::Gradients)],
+            seconds: vec![[0.0; 6]; count(Detail::Seconds)],
+        }
+    }
+
+    /// Nothing again.
+    pub(super) fn clear(&mut self) {
+        self.values.fill(0.0);
+        self.gradients.fill(DVec3::ZERO);
+        self.seconds.fill([0.0; 6]);
     }
 
     /// Adds a convex region that is smaller than a hemisphere, its edges in order.
-    pub(super) fn add(&mut self, edges: &[Edge], degree: usize, detail: Detail) {
+    pub(super) fn add(&mut self, edges: &[Edge]) {
         let Some(first) = edges.first() else { return };
         let apex = first.from.normalize_or_zero();
         let y0 = (4.0 * std::f64::consts::PI).sqrt().recip();
@@ -67,11 +82,11 @@ impl Region {
             let [a, b] = [edge.from, edge.to].map(DVec3::normalize_or_zero);
             let below = 1.0 + apex.dot(a) + a.dot(b) + b.dot(apex);
             self.values[0] += y0 * 2.0 * apex.dot(a.cross(b)).atan2(below);
-            self.add_edge([a, b], edge.near, degree, detail);
+            self.add_edge([a, b], edge.near);
         }
     }
 
-    fn add_edge(&mut self, [a, b]: [DVec3; 2], near: DVec3, degree: usize, detail: Detail) {
+    fn add_edge(&mut self, [a, b]: [DVec3; 2], near: DVec3) {
         let across = a.cross(b);
         let sin = across.length();
         if sin < 1e-14 {
@@ -80,37 +95,38 @@ impl Region {
         let inward = across / sin;
         let aside = inward.cross(a);
         let length = sin.atan2(a.dot(b));
+        let degree = self.degree;
         // The integrand's degree is at most two above that of the harmonics.
         let phase = (degree + 2) as f64 * length / 2.0;
         let nodes = ((3.0 + 1.2 * phase).ceil() as usize).min(MOST_NODES);
         for &[x, weight] in harmonics::gauss(nodes) {
             let (sin, cos) = (length * (x + 1.0) / 2.0).sin_cos();
             let direction = a * cos + aside * sin;
+            let along = aside * cos - a * sin;
             let weight = weight * length / 2.0;
-            let (y, slopes) = harmonics::basis_with_gradients(degree, direction);
+            let (y, [slopes, turns]) = harmonics::basis_with_slopes(degree, direction, [inward, along]);
             let inverse = direction.dot(near);
-            for l in 0..=degree {
-                let part = weight / (l * (l + 1)).max(1) as f64;
-                for i in l * l..harmonics::count(l) {
-                    // Of degree 0 the slope is 0.
-                    self.values[i] += part * inward.dot(slopes[i]);
-                    if detail >= Detail::Gradients {
-                        self.gradients[i] += inward * (weight * y[i] * inverse);
-                    }
-                    if detail >= Detail::Seconds {
-                        let w = (slopes[i] - direction * (3.0 * y[i])) * (weight * inverse * inverse);
-                        let n = inward;
-                        let terms = [
-                            n.x * w.x,
-                            n.y * w.y,
-                            n.z * w.z,
-                            (n.x * w.y + n.y * w.x) / 2.0,
-                            (n.x * w.z + n.z * w.x) / 2.0,
-                            (n.y * w.z + n.z * w.y) / 2.0,
-                        ];
-                        self.seconds[i].iter_mut().zip(terms).for_each(|(second, term)| *second -= term);
-                    }
-                }
+            for l in 1..=degree {
+                let part = weight / (l * (l + 1)) as f64;
+                let own = l * l..harmonics::count(l);
+                let values = &mut self.values[own.clone()];
+                values.iter_mut().zip(&slopes[own]).for_each(|(value, slope)| *value += part * slope);
+            }
+            let by_distance = inward * (weight * inverse);
+            self.gradients.iter_mut().zip(y).for_each(|(gradient, y)| *gradient += by_distance * y);
+            let by_square = weight * inverse * inverse;
+            for (i, second) in self.seconds.iter_mut().enumerate() {
+                let w = (inward * slopes[i] + along * turns[i] - direction * (3.0 * y[i])) * by_square;
+                let n = inward;
+                let terms = [
+                    n.x * w.x,
+                    n.y * w.y,
+                    n.z * w.z,
+                    (n.x * w.y + n.y * w.x) / 2.0,
+                    (n.x * w.z + n.z * w.x) / 2.0,
+                    (n.y * w.z + n.z * w.y) / 2.0,
+                ];
+                second.iter_mut().zip(terms).for_each(|(second, term)| *second -= term);
             }
         }
     }

@@ -32,7 +32,7 @@ impl Sample {
     /// Of incident radiance at a point; constant where gradients were not asked for.
     pub(super) fn new(degree: usize, mean: Vec3, radius: f32, incident: &Incident) -> Self {
         let light = |i: usize| {
-            let [x, y, z] = incident.gradients[i];
+            let [x, y, z] = incident.gradients.get(i).copied().unwrap_or_default();
             [incident.values[i], x, y, z].map(|value| value.as_vec3())
         };
         Self { mean, radius, light: (0..harmonics::count(degree)).map(light).collect() }

@@ -26,7 +26,7 @@ const REACH: f32 = 1.5;
 /// A node with its sample and the error that it is foretold to have.
 struct Judged {
     node: usize,
-    incident: Box<Incident>,
+    incident: Incident,
     error: f64,
 }
 

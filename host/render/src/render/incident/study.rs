@@ -8,6 +8,7 @@ use super::baking;
 use super::emitters::{self, Emitter};
 use super::ground::Ground;
 use super::published::{self, Oracle};
+use super::samples::Samples;
 use super::second_order;
 use super::transfer::Receivers;
 use super::tree::Tree;
@@ -47,6 +48,10 @@ pub enum Sampling {
 pub struct Outcome {
     /// Samples taken.
     pub samples: usize,
+    /// Of them those that are blended.
+    pub kept: usize,
+    /// The error that was allowed: of the method's own way as radiance, of a published oracle in its own unit.
+    pub bound: Option<f64>,
     /// Seconds of placing and taking them.
     pub sampling_seconds: f64,
     /// Seconds of bringing them to every vertex.
@@ -109,31 +114,33 @@ impl Study {
         let ground = Ground { receivers, tree, transfers, degree: self.degree };
         let start = Instant::now();
         let seconds = || start.elapsed().as_secs_f64();
-        let (samples, sampling_seconds, irradiance) = match sampling {
+        let blended = |samples: Samples| {
+            let counts = (samples.taken, samples.count(), Some(samples.bound));
+            (counts, seconds(), samples.irradiance(&ground))
+        };
+        let ((samples, kept, bound), sampling_seconds, irradiance) = match sampling {
             Sampling::SecondOrder(epsilon) => {
-                let samples = second_order::place(&ground, &self.emitters, epsilon, most);
-                (samples.taken, seconds(), samples.irradiance(&ground))
+                blended(second_order::place(&ground, &self.emitters, epsilon, most))
             }
             Sampling::Published { oracle, epsilon, ancestors } => {
-                let samples = published::place(&ground, &self.emitters, (oracle, ancestors), epsilon, most);
-                (samples.taken, seconds(), samples.irradiance(&ground))
+                blended(published::place(&ground, &self.emitters, (oracle, ancestors), epsilon, most))
             }
             Sampling::One => {
-                let samples = published::place(&ground, &self.emitters, (Oracle::Printed, true), f64::MAX, 1);
-                (samples.taken, seconds(), samples.irradiance(&ground))
+                blended(published::place(&ground, &self.emitters, (Oracle::Printed, true), f64::MAX, 1))
             }
             Sampling::Quantised { exponent } => {
                 let samples = published::Quantised::new(&ground, &self.emitters, most);
-                (samples.count(), seconds(), samples.irradiance(&ground, exponent))
+                let count = samples.count();
+                ((count, count, None), seconds(), samples.irradiance(&ground, exponent))
             }
             Sampling::Every => {
                 let irradiance = ground.every(&self.emitters);
-                (irradiance.len(), seconds(), irradiance)
+                ((irradiance.len(), irradiance.len(), None), seconds(), irradiance)
             }
         };
         let reconstruction_seconds = seconds() - sampling_seconds;
         let brightness = self.receivers.brightness.iter();
         let radiance = irradiance.into_iter().zip(brightness).map(|(one, &rho)| one * rho).collect();
-        Outcome { samples, sampling_seconds, reconstruction_seconds, radiance }
+        Outcome { samples, kept, bound, sampling_seconds, reconstruction_seconds, radiance }
     }
 }

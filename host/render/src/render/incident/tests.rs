@@ -231,6 +231,9 @@ fn an_environment_alone_is_that_of_the_path_tracer_and_turns() {
     }
 }
 
+/// A change of the state, and what it asks to be done again.
+type Change<'a> = (&'a dyn Fn(&mut State), &'a [&'static str]);
+
 #[test]
 fn frames_are_those_of_the_scene_in_that_state_and_views_take_no_samples() {
     let scene = scene();
@@ -238,7 +241,7 @@ fn frames_are_those_of_the_scene_in_that_state_and_views_take_no_samples() {
     let mut player = coarse.prepare(&scene).unwrap();
     let mut state = scene.state();
     let mut before: Option<Picture> = None;
-    let changes: [(&dyn Fn(&mut State), &[&str]); 5] = [
+    let changes: [Change<'_>; 5] = [
         (&|_| (), &[]),
         (&|state| state.camera.position.x += 0.4, &[]),
         (&|state| state.lights[1].shift.x = -0.1, &["lights"]),
