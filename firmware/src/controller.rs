@@ -17,7 +17,7 @@ use lobelia_protocol::{
     Outcome, Refusal, Request, Status, ToController,
 };
 
-use crate::board::{AxisPins, Board, Line, Options, Peripherals, PinFailure, set};
+use crate::board::{AxisPins, Board, Options, Peripherals};
 use crate::homing::{Homing, Purpose};
 use crate::lamp::Lamp;
 use crate::link::Link;
@@ -25,6 +25,7 @@ use crate::motion::axis::AxisDrive;
 use crate::motion::changes::Changes;
 use crate::motion::keep_out::Sweep;
 use crate::motion::pulses::{Pulses, PulsesCell};
+use crate::pin::{Line, PinFailure, set};
 use crate::safety::alarm::Alarms;
 use crate::safety::{EmergencyStop, Safety};
 use crate::shutter::Shutter;
@@ -489,13 +490,14 @@ impl<B: Board> Controller<B> {
     /// where pins can't be trusted.
     fn raise(&mut self, now_us: u64, fault: Fault, axis: Option<Axis>) {
         let mut safe = true;
-        // An arm whose motor is released falls: only where somebody may be caught, drivers burn, or pins do what they like.
-        let danger = matches!(fault, Fault::EmergencyStop | Fault::OverTemperature | Fault::Hardware);
+        // An arm whose motor is released falls: only where somebody may be caught, or pins do what they like.
+        let release = matches!(fault, Fault::EmergencyStop | Fault::Hardware);
+        let dark = release || fault == Fault::OverTemperature;
         for drive in &mut self.axes {
-            safe &= drive.cut(&mut self.pulses, danger).is_ok();
+            safe &= drive.cut(&mut self.pulses, release).is_ok();
         }
         safe &= self.shutter.close().is_ok();
-        if danger {
+        if dark {
             safe &= self.lamp.put_out(now_us).is_ok();
         }
         // Each axis's alarm is told, not only the first.

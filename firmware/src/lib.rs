@@ -14,6 +14,7 @@ mod homing;
 mod lamp;
 mod link;
 mod motion;
+mod pin;
 pub mod safety;
 mod shutter;
 pub mod storage;

@@ -42,6 +42,33 @@ fn cables_of_a_full_turn_axis_are_wound_up_by_no_more_turns_than_they_bear() {
     }
 }
 
+/// A home switch that no longer closes, and somebody who tries again and again.
+#[test]
+fn homing_that_never_finds_its_switch_winds_cables_up_by_no_more_than_it_may_and_then_is_refused() {
+    let mut round = configuration();
+    let roll = &mut round.axes[2];
+    (roll.full_turn_steps, roll.min_steps, roll.max_steps) = (2000, -1000, 999);
+    (roll.take_up_steps, roll.most_turns, roll.home_travel) = (10, 1, 2200);
+    let mut rig = Rig::greeted(round).at_home();
+    rig.ask(Command::MoveTo([0; 4]));
+    let zero = rig.bench.borrow().motors[2];
+    rig.bench.borrow_mut().switch_shift[2] = -1_000_000;
+    let roll_alone = Command::HomeAxes { axes: [false, false, true, false], approaches: 1 };
+    let mut last = Outcome::Running;
+    for _ in 0..10 {
+        last = rig.ask(roll_alone);
+        assert!(matches!(last, Outcome::Refused(_)), "{last:?}");
+        rig.ask(Command::ClearFaults);
+    }
+    assert_eq!(last, Outcome::Refused(Refusal::OutOfLimits(Axis::Roll)));
+    let wound = zero - rig.bench.borrow().motors[2];
+    // A turn more than moves may have it, and then one homing.
+    assert!((1000 + 2 * 2000..=1000 + 2 * 2000 + 2210).contains(&wound), "{wound}");
+    // The others can be homed all the same.
+    let tilt_alone = Command::HomeAxes { axes: [false, true, false, false], approaches: 1 };
+    assert!(matches!(rig.ask(tilt_alone), Outcome::Done(_)));
+}
+
 /// Pan in 1000..=1500 while light is in 2000..=3000; pan is homed first, out of light's way.
 fn kept_out() -> Configuration {
     let mut configuration = configuration();

@@ -5,7 +5,9 @@ mod bench;
 
 use bench::devices::ShutterTimer;
 use bench::{Rig, SESSION, configuration, refusal};
-use lobelia_protocol::{Answer, Command, Fault, Field, Hello, Outcome, Refusal, ToController};
+use lobelia_protocol::{
+    Answer, Command, Fault, Field, Hello, LAMP_LONGEST_S, Outcome, Refusal, ToController,
+};
 
 #[test]
 fn exposure_opens_for_its_time_once_the_lamp_is_warm() {
@@ -76,14 +78,14 @@ fn lamp_that_stays_dark_is_a_fault_unless_the_frame_is_meant_to_be() {
 }
 
 #[test]
-fn over_temperature_puts_the_lamp_out_and_stops_everything() {
+fn over_temperature_puts_the_lamp_out_stops_everything_and_drops_no_arm() {
     let mut rig = lit();
     let id = rig.begin(EXPOSE);
     rig.bench.borrow_mut().hot = true;
     assert!(
         matches!(refusal(rig.outcome(id)), Refusal::Faulted(faults) if faults.contains(Fault::OverTemperature))
     );
-    assert_eq!((rig.bench.borrow().lamp, rig.bench.borrow().enabled), (false, [false; 4]));
+    assert_eq!((rig.bench.borrow().lamp, rig.bench.borrow().enabled), (false, [true; 4]));
     // Cleared while it is still hot, it comes again.
     rig.ask(Command::ClearFaults);
     rig.poll();
@@ -162,10 +164,12 @@ fn lamp_goes_out_when_it_has_burnt_for_its_longest_time_whatever_the_host_says()
     assert_eq!((rig.bench.borrow().lamp, rig.bench.borrow().lamp_level), (false, 0));
     let Outcome::Done(Answer::Status(status)) = rig.ask(Command::Status) else { panic!("no status") };
     assert!(status.faults.contains(Fault::LampTimeout));
-    limited.settings.lamp_longest_s = 0;
     rig.ask(Command::ClearFaults);
     let field = Refusal::BadParameter { axis: None, field: Field::LampTime };
-    assert_eq!(refusal(rig.configure(limited)), field);
+    for unlimited in [0, LAMP_LONGEST_S.end() + 1, u32::MAX] {
+        limited.settings.lamp_longest_s = unlimited;
+        assert_eq!(refusal(rig.configure(limited)), field, "{unlimited} s");
+    }
 }
 
 #[test]

@@ -46,7 +46,7 @@ fn rig_with_every_pin_the_other_way_round_homes_moves_exposes_and_burns_like_any
     assert!(!rig.bench.borrow().shutter.last().unwrap().1);
     rig.bench.borrow_mut().hot = true;
     rig.poll();
-    assert_eq!((rig.bench.borrow().lamp, rig.bench.borrow().enabled), (false, [false; 4]));
+    assert_eq!((rig.bench.borrow().lamp, rig.bench.borrow().enabled), (false, [true; 4]));
     assert!(status(&mut rig).faults.contains(Fault::OverTemperature));
 }
 

@@ -1,12 +1,9 @@
 //! The axes' simulated TMC2209 on one wire: registers, addresses, checksums, and the stall output.
 
 use std::collections::VecDeque;
-use std::sync::atomic::Ordering::Relaxed;
-use std::sync::{Arc, PoisonError};
+use std::sync::{Arc, Mutex, PoisonError};
 
 use lobelia_firmware::driver::DriverBus;
-
-use crate::pins::Bench;
 
 const SYNC: u8 = 0x05;
 const WRITE: u8 = 0x80;
@@ -22,11 +19,13 @@ const LEAST_DELAY: u32 = 2 << 8;
 pub(crate) struct Drivers {
     registers: [[u32; 128]; 4],
     to_controller: VecDeque<u8>,
+    /// Whether their answers no longer arrive.
+    cut: bool,
 }
 
 impl Default for Drivers {
     fn default() -> Self {
-        Self { registers: [[0; 128]; 4], to_controller: VecDeque::new() }
+        Self { registers: [[0; 128]; 4], to_controller: VecDeque::new(), cut: false }
     }
 }
 
@@ -49,6 +48,11 @@ impl Drivers {
     /// Cuts a driver's supply for a moment: it forgets its settings.
     pub(crate) fn reset(&mut self, axis: usize) {
         self.registers[axis] = [0; 128];
+    }
+
+    /// Cuts the wire by which they answer.
+    pub(crate) fn cut(&mut self) {
+        self.cut = true;
     }
 
     /// A register of an axis's driver.
@@ -85,17 +89,17 @@ impl Drivers {
 
 /// The controller's end of the wire.
 #[derive(Debug)]
-pub(crate) struct DriverWire(pub(crate) Arc<Bench>);
+pub(crate) struct DriverWire(pub(crate) Arc<Mutex<Drivers>>);
 
 impl DriverBus for DriverWire {
     fn send(&mut self, bytes: &[u8]) -> bool {
-        self.0.drivers.lock().unwrap_or_else(PoisonError::into_inner).take(bytes);
+        self.0.lock().unwrap_or_else(PoisonError::into_inner).take(bytes);
         true
     }
 
     fn receive(&mut self, into: &mut [u8]) -> bool {
-        let mut drivers = self.0.drivers.lock().unwrap_or_else(PoisonError::into_inner);
-        let enough = drivers.to_controller.len() >= into.len() && !self.0.drivers_cut.load(Relaxed);
+        let mut drivers = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        let enough = drivers.to_controller.len() >= into.len() && !drivers.cut;
         into.iter_mut().for_each(|byte| *byte = drivers.to_controller.pop_front().unwrap_or(0));
         enough
     }

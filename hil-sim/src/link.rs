@@ -1,20 +1,27 @@
 //! The host's end of the simulated link: reading lets virtual time pass until a byte comes or the timeout is over.
 
+use std::fmt;
 use std::io::{self, ErrorKind, Read, Write};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
-use crate::rig::{SimulatedRig, Step};
+use crate::truth::Step;
+use crate::world::World;
 
 /// A link to a simulated rig.
-#[derive(Debug, Clone)]
+#[derive(Clone)]
 pub struct SimulatedLink {
-    rig: SimulatedRig,
+    world: Arc<Mutex<World>>,
     timeout_us: u64,
 }
 
 impl SimulatedLink {
-    pub(crate) fn new(rig: SimulatedRig) -> Self {
-        Self { rig, timeout_us: 500_000 }
+    pub(crate) fn new(world: Arc<Mutex<World>>) -> Self {
+        Self { world, timeout_us: 500_000 }
+    }
+
+    fn lock(&self) -> MutexGuard<'_, World> {
+        self.world.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     /// How much virtual time a read waits for a byte.
@@ -22,9 +29,15 @@ impl SimulatedLink {
         self.timeout_us = timeout.as_micros().try_into().unwrap_or(u64::MAX / 4);
     }
 
-    /// [`SimulatedRig::take_steps`] of its rig.
+    /// [`crate::SimulatedRig::take_steps`] of its rig.
     pub fn take_steps(&self) -> Vec<Step> {
-        self.rig.take_steps()
+        self.lock().take_steps()
+    }
+}
+
+impl fmt::Debug for SimulatedLink {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("SimulatedLink").field("timeout_us", &self.timeout_us).finish_non_exhaustive()
     }
 }
 
@@ -37,7 +50,7 @@ impl Read for SimulatedLink {
         if into.is_empty() {
             return Ok(0);
         }
-        let mut world = self.rig.lock();
+        let mut world = self.lock();
         if world.unplugged {
             return Err(unplugged());
         }
@@ -52,7 +65,7 @@ impl Read for SimulatedLink {
 
 impl Write for SimulatedLink {
     fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
-        let mut world = self.rig.lock();
+        let mut world = self.lock();
         if world.unplugged {
             return Err(unplugged());
         }

@@ -1,113 +1,20 @@
 //! The simulated board: the firmware's pins, each a handle to the bench that it acts on.
 
 use std::convert::Infallible;
-use std::sync::atomic::{AtomicBool, AtomicU64, Ordering::Relaxed};
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::Arc;
+use std::sync::atomic::Ordering::Relaxed;
 
 use embedded_hal::digital::{self, InputPin, OutputPin};
 use embedded_hal::pwm::{self, SetDutyCycle};
-use lobelia_firmware::safety::alarm::Alarms;
-use lobelia_firmware::storage::{SLOT_BYTES, Storage};
-use lobelia_firmware::{AnalogInput, AxisPins, Board, ByteLink, Options, Peripherals, Pulses, Readings};
-use lobelia_protocol::{Axis, Pin};
+use lobelia_firmware::storage::Storage;
+use lobelia_firmware::{
+    AnalogInput, AxisPins, Board, ByteLink, Options, Peripherals, Pulses, Readings, TimedShutter,
+};
+use lobelia_protocol::Pin;
 
-use crate::config::{MechanicsConfig, Wiring};
-use crate::drivers::{DriverWire, Drivers};
-use crate::lamp::Lamp;
-use crate::mechanics::Mechanism;
-use crate::rig::Step;
-use crate::timed::{Metering, ShutterTimer};
-use crate::wire::Wire;
-
-/// What the pins act on.
-#[derive(Debug)]
-pub(crate) struct Bench {
-    pub(crate) now_us: AtomicU64,
-    pub(crate) axes: [Mechanism; 4],
-    pub(crate) lamp: Mutex<Lamp>,
-    pub(crate) shutter_open: AtomicBool,
-    /// Until when a timer keeps it open, µs; never where there is none.
-    pub(crate) shutter_until_us: AtomicU64,
-    /// Whether the board has such a timer, and a converter that reads by itself.
-    timed: bool,
-    metering: Mutex<Metering>,
-    wiring: Wiring,
-    /// What the alarm inputs' interrupt writes down.
-    pub(crate) alarms: &'static Alarms,
-    pub(crate) emergency_stop: AtomicBool,
-    /// Memory for parameters, which a reset leaves as it is.
-    flash: Mutex<[[u8; SLOT_BYTES]; 2]>,
-    pub(crate) drivers: Mutex<Drivers>,
-    /// Whether the drivers' answers no longer arrive.
-    pub(crate) drivers_cut: AtomicBool,
-    /// Whether steps are traced.
-    pub(crate) traced: AtomicBool,
-    pub(crate) trace: Mutex<Vec<Step>>,
-    pub(crate) to_controller: Wire,
-    pub(crate) to_host: Wire,
-}
-
-impl Bench {
-    pub(crate) fn new(config: &MechanicsConfig) -> Self {
-        Self {
-            now_us: AtomicU64::new(0),
-            axes: config.axes().map(Mechanism::new),
-            lamp: Mutex::new(Lamp::new(&config.lamp, config.seed)),
-            shutter_open: AtomicBool::new(false),
-            shutter_until_us: AtomicU64::new(u64::MAX),
-            timed: config.timed_exposures,
-            metering: Mutex::default(),
-            wiring: config.wiring,
-            alarms: Box::leak(Box::new(Alarms::new())),
-            emergency_stop: AtomicBool::new(false),
-            flash: Mutex::new([[0xFF; SLOT_BYTES]; 2]),
-            drivers: Mutex::default(),
-            drivers_cut: AtomicBool::new(false),
-            traced: AtomicBool::new(false),
-            trace: Mutex::default(),
-            to_controller: Wire::default(),
-            to_host: Wire::default(),
-        }
-    }
-
-    /// Whether the shutter is open now.
-    pub(crate) fn is_shutter_open(&self) -> bool {
-        self.shutter_open.load(Relaxed) && self.now_us() < self.shutter_until_us.load(Relaxed)
-    }
-
-    /// The level of an axis's alarm input.
-    pub(crate) fn alarm_level(&self, axis: usize) -> bool {
-        let drivers = || self.drivers.lock().unwrap_or_else(PoisonError::into_inner);
-        let stalled = self.axes[axis].blocked() && drivers().looks_for_stalls(axis);
-        (stalled || self.axes[axis].driver_failed.load(Relaxed))
-            != self.wiring.axes[axis].contains(Pin::Alarm)
-    }
-
-    pub(crate) fn metering(&self) -> MutexGuard<'_, Metering> {
-        self.metering.lock().unwrap_or_else(PoisonError::into_inner)
-    }
-
-    pub(crate) fn lamp(&self) -> MutexGuard<'_, Lamp> {
-        self.lamp.lock().unwrap_or_else(PoisonError::into_inner)
-    }
-
-    /// Steps traced since this was last asked.
-    pub(crate) fn take_trace(&self) -> Vec<Step> {
-        std::mem::take(&mut self.trace.lock().unwrap_or_else(PoisonError::into_inner))
-    }
-
-    fn note_step(&self, axis: usize) {
-        if self.traced.load(Relaxed) {
-            let step =
-                Step { axis: Axis::ALL[axis], up: self.axes[axis].up.load(Relaxed), at_us: self.now_us() };
-            self.trace.lock().unwrap_or_else(PoisonError::into_inner).push(step);
-        }
-    }
-
-    pub(crate) fn now_us(&self) -> u64 {
-        self.now_us.load(Relaxed)
-    }
-}
+use crate::bench::Bench;
+use crate::config::Wiring;
+use crate::drivers::DriverWire;
 
 /// The simulated board's types.
 #[derive(Debug)]
@@ -145,13 +52,14 @@ pub(crate) fn peripherals(bench: &Arc<Bench>) -> Peripherals<SimulatedBoard> {
 
 /// What the simulated board has besides. Wire and memory are leaked, a few bytes at each start of the controller: a board's lives for ever.
 pub(crate) fn options(bench: &Arc<Bench>) -> Options<SimulatedBoard> {
-    let alarm = |axis| Input { bench: Arc::clone(bench), role: InputRole::Alarm(axis) };
+    let input = |role| Input { bench: Arc::clone(bench), role };
     let timer = || Box::leak(Box::new(ShutterTimer(Arc::clone(bench))));
     Options {
-        alarm: std::array::from_fn(|axis| Some(alarm(axis))),
+        alarm: std::array::from_fn(|axis| Some(input(InputRole::Alarm(axis)))),
         alarms: Some(bench.alarms),
+        over_temperature: Some(input(InputRole::Hot)),
         timed_shutter: bench.timed.then(timer).map(|timer| timer as _),
-        drivers: Some(Box::leak(Box::new(DriverWire(Arc::clone(bench))))),
+        drivers: Some(Box::leak(Box::new(DriverWire(Arc::clone(&bench.drivers))))),
         storage: Some(Box::leak(Box::new(Flash(Arc::clone(bench))))),
         ..Options::default()
     }
@@ -160,27 +68,42 @@ pub(crate) fn options(bench: &Arc<Bench>) -> Options<SimulatedBoard> {
 /// The memory for parameters.
 struct Flash(Arc<Bench>);
 
-impl Flash {
-    fn slots(&self) -> MutexGuard<'_, [[u8; SLOT_BYTES]; 2]> {
-        self.0.flash.lock().unwrap_or_else(PoisonError::into_inner)
-    }
-}
-
 impl Storage for Flash {
     fn read(&mut self, slot: usize, into: &mut [u8]) -> bool {
-        let slots = self.slots();
+        let slots = self.0.flash();
         let bytes = slots.get(slot).and_then(|bytes| bytes.get(..into.len()));
         bytes.map(|bytes| into.copy_from_slice(bytes)).is_some()
     }
 
     fn erase(&mut self, slot: usize) -> bool {
-        self.slots().get_mut(slot).map(|bytes| bytes.fill(0xFF)).is_some()
+        self.0.flash().get_mut(slot).map(|bytes| bytes.fill(0xFF)).is_some()
     }
 
     fn write(&mut self, slot: usize, bytes: &[u8]) -> bool {
-        let mut slots = self.slots();
+        let mut slots = self.0.flash();
         let into = slots.get_mut(slot).and_then(|slot| slot.get_mut(..bytes.len()));
         into.map(|into| into.copy_from_slice(bytes)).is_some()
+    }
+}
+
+/// The shutter's timer.
+struct ShutterTimer(Arc<Bench>);
+
+impl TimedShutter for ShutterTimer {
+    fn open(&mut self, duration_us: u32) -> Option<u32> {
+        let now_us = self.0.now_us();
+        self.0.shutter_until_us.store(now_us + u64::from(duration_us), Relaxed);
+        self.0.shutter_open.store(true, Relaxed);
+        Some(now_us as u32)
+    }
+
+    fn close(&mut self) -> bool {
+        self.0.shutter_open.store(false, Relaxed);
+        true
+    }
+
+    fn is_open(&mut self) -> bool {
+        self.0.is_shutter_open()
     }
 }
 
@@ -251,6 +174,7 @@ enum InputRole {
     Home(usize),
     Alarm(usize),
     EmergencyStop,
+    Hot,
 }
 
 /// An input pin.
@@ -272,6 +196,9 @@ impl InputPin for Input {
             }
             InputRole::Alarm(axis) => self.bench.alarm_level(axis),
             InputRole::EmergencyStop => self.bench.emergency_stop.load(Relaxed),
+            InputRole::Hot => {
+                self.bench.hot.load(Relaxed) != self.bench.wiring.rest.contains(Pin::OverTemperature)
+            }
         })
     }
 

@@ -9,37 +9,12 @@ use lobelia_protocol::Axis;
 use crate::config::MechanicsConfig;
 use crate::faults::LineCounts;
 use crate::link::SimulatedLink;
+use crate::truth::{ExposureTruth, Step};
 use crate::wire::LineConfig;
 use crate::world::World;
 
 /// An idle host is heard this often, µs.
 const KEEP_ALIVE_US: u64 = 500_000;
-
-/// What an exposure truly was.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct ExposureTruth {
-    /// Counts exposures from 1; one that was broken off counts too.
-    pub sequence: u64,
-    /// When the shutter opened, in virtual µs.
-    pub start_us: u64,
-    /// How long it was open, s.
-    pub open_s: f64,
-    /// True angles of pan, tilt, roll and light in radians, errors included.
-    pub axes_rad: [f64; 4],
-    /// The lamp's mean radiance over the open time; 1 is the warm lamp at full level without drift.
-    pub lamp_relative: f64,
-}
-
-/// A step that an axis's driver received.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Step {
-    /// Which axis.
-    pub axis: Axis,
-    /// Whether it went up.
-    pub up: bool,
-    /// When, in virtual µs.
-    pub at_us: u64,
-}
 
 /// A way of the link.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -74,7 +49,7 @@ impl SimulatedRig {
 
     /// The host's end of the link.
     pub fn link(&self) -> SimulatedLink {
-        SimulatedLink::new(self.clone())
+        SimulatedLink::new(Arc::clone(&self.world))
     }
 
     /// Virtual time since the rig was switched on, µs; the controller's clock too, until it is reset.
@@ -128,9 +103,7 @@ impl SimulatedRig {
 
     /// Steps that the drivers received since this was last asked, in order; they are traced from the first time on.
     pub fn take_steps(&self) -> Vec<Step> {
-        let world = self.lock();
-        world.bench.traced.store(true, Relaxed);
-        world.bench.take_trace()
+        self.lock().take_steps()
     }
 
     /// Where an axis's motor truly is, in steps.
@@ -156,6 +129,13 @@ impl SimulatedRig {
     fn set_emergency_stop(&self, pressed: bool) {
         let mut world = self.lock();
         world.bench.emergency_stop.store(pressed, Relaxed);
+        world.poll();
+    }
+
+    /// Makes the lamp's housing too hot, or lets it cool.
+    pub fn set_over_temperature(&self, hot: bool) {
+        let mut world = self.lock();
+        world.bench.hot.store(hot, Relaxed);
         world.poll();
     }
 
@@ -222,19 +202,17 @@ impl SimulatedRig {
 
     /// A register of the TMC2209 of an axis.
     pub fn driver_register(&self, axis: Axis, register: u8) -> u32 {
-        let world = self.lock();
-        let drivers = world.bench.drivers.lock().unwrap_or_else(PoisonError::into_inner);
-        drivers.register(axis.index(), register)
+        self.lock().bench.drivers().register(axis.index(), register)
     }
 
     /// Cuts the supply of an axis's driver for a moment: it forgets its settings.
     pub fn reset_driver(&self, axis: Axis) {
-        self.lock().bench.drivers.lock().unwrap_or_else(PoisonError::into_inner).reset(axis.index());
+        self.lock().bench.drivers().reset(axis.index());
     }
 
     /// Cuts the wire by which drivers answer.
     pub fn cut_driver_wire(&self) {
-        self.lock().bench.drivers_cut.store(true, Relaxed);
+        self.lock().bench.drivers().cut();
     }
 
     /// Breaks an axis's home switch: it never closes again.

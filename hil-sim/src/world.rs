@@ -5,9 +5,10 @@ use std::sync::atomic::Ordering::Relaxed;
 
 use lobelia_firmware::Controller;
 
+use crate::bench::Bench;
 use crate::config::MechanicsConfig;
-use crate::pins::{self, Bench, SimulatedBoard};
-use crate::rig::ExposureTruth;
+use crate::pins::{self, SimulatedBoard};
+use crate::truth::{ExposureTruth, Step};
 
 /// The firmware on a bench, at a virtual time.
 pub(crate) struct World {
@@ -86,6 +87,12 @@ impl World {
         let arrives = to_host.next_us();
         let arrives = if arrives > now { arrives } else { u64::MAX };
         self.controller.next_event_us().min(to_controller.next_us()).min(arrives).min(free)
+    }
+
+    /// Steps since this was last asked; they are traced from the first time on.
+    pub(crate) fn take_steps(&self) -> Vec<Step> {
+        self.bench.traced.store(true, Relaxed);
+        self.bench.take_trace()
     }
 
     /// Notes the truth of an exposure when the shutter closes.

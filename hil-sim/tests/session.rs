@@ -311,6 +311,52 @@ fn driver_that_was_reset_on_the_way_is_a_fault_at_the_end_of_the_move_and_no_wro
 }
 
 #[test]
+fn driver_that_was_reset_at_rest_makes_its_position_unknown_before_it_is_set_up_again() {
+    let config = MechanicsConfig::ideal();
+    let again: [fn(&mut Host, &MechanicsConfig) -> Outcome; 3] = [
+        |host, _| host.ask(Command::HomeAxes { axes: [false, true, false, false], approaches: 1 }),
+        // As a host does that comes back.
+        |host, config| host.configure(&with_driver(config)),
+        |_, _| Outcome::Running,
+    ];
+    for (number, again) in again.iter().enumerate() {
+        let (rig, mut host) = start(&config);
+        assert_eq!(host.configure(&with_driver(&config)), Outcome::Done(Answer::Nothing));
+        assert!(matches!(host.ask(Command::Home), Outcome::Done(_)));
+        // Set up again without a reset, it keeps its position.
+        assert_eq!(host.configure(&with_driver(&config)), Outcome::Done(Answer::Nothing));
+        let to = [100, 100, 100, 10_000];
+        assert_eq!(host.ask(Command::MoveTo(to)), Outcome::Done(Answer::At(to)));
+        rig.reset_driver(Axis::Pan);
+        again(&mut host, &config);
+        let outcome = host.ask(Command::MoveTo([200, 100, 100, 10_000]));
+        let lost = |outcome| matches!(outcome, Outcome::Refused(Refusal::Faulted(set)) if set.contains(Fault::DriverLost));
+        let unknown = outcome == Outcome::Refused(Refusal::PositionUnknown(Axis::Pan));
+        assert!(if number < 2 { unknown } else { lost(outcome) }, "{number}: {outcome:?}");
+    }
+}
+
+#[test]
+fn parameters_that_one_driver_refuses_leave_no_position_trusted_of_those_that_have_taken_them() {
+    let config = MechanicsConfig::ideal();
+    let (_rig, mut host) = start(&config);
+    let mut drivers = with_driver(&config);
+    drivers.axes[1].driver = drivers.axes[0].driver;
+    assert_eq!(host.configure(&drivers), Outcome::Done(Answer::Nothing));
+    assert!(matches!(host.ask(Command::Home), Outcome::Done(_)));
+    let mut other = drivers;
+    for axis in &mut other.axes[..2] {
+        axis.driver.as_mut().unwrap().microsteps = 32;
+    }
+    other.axes[1].driver.as_mut().unwrap().run_ma = 9000;
+    let refused = host.configure(&other);
+    let trouble = DriverTrouble::Current;
+    assert_eq!(refused, Outcome::Refused(Refusal::Driver { axis: Axis::Tilt, trouble }));
+    let unknown = Outcome::Refused(Refusal::PositionUnknown(Axis::Pan));
+    assert_eq!(host.ask(Command::MoveTo([100; 4])), unknown);
+}
+
+#[test]
 fn rig_wired_the_other_way_round_does_what_any_does_if_its_host_knows() {
     let truth = |wiring: Wiring| {
         let config = MechanicsConfig { wiring, ..MechanicsConfig::ideal() };

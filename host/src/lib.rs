@@ -19,7 +19,7 @@ pub use lobelia_base::{
     Error, Result, durable, error, figures, files, hash, interrupt, linalg, memory, page, progress,
     provenance, random, report, toml_file,
 };
-pub use lobelia_fit::{edit, fit, synth};
+pub use lobelia_fit::{edit, findings, fit, synth};
 pub use lobelia_measure::{develop, plan, rig, run};
 pub use lobelia_reflectance as reflectance;
 pub use lobelia_reflectance::{distance, mip, sampled};

@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::message::Axis;
+use crate::axis::Axis;
 
 /// One reason to stop. A fault stays set until the host clears it; positions are unknown afterwards.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]

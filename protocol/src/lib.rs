@@ -6,26 +6,33 @@
 //! each request bears an id, so a repeated request does no harm ([`message`]).
 #![no_std]
 
+pub mod axis;
+pub mod event;
 pub mod fault;
 pub mod frame;
 pub mod frozen;
 pub mod hello;
 pub mod message;
 pub mod packet;
+pub mod parameters;
 pub mod schema;
 pub mod wiring;
 
+pub use axis::Axis;
+pub use event::{CrashCause, CrashRecord, Event, Happening, Health, LogLine, Telemetry};
 pub use fault::{Fault, FaultReport, Faults};
 pub use frame::{EncodedFrame, FrameDecoder, FrameError};
 pub use frozen::{SafeCommand, SafeState};
 pub use hello::{Hello, HelloReply, Verdict};
 pub use message::{
-    Answer, Axis, AxisParameters, Command, Configuration, CrashCause, CrashRecord, DriverParameters,
-    DriverTrouble, EXPOSURE_US, Event, Exposure, Field, Happening, Health, HomeDirection, HomingReport,
-    KEEP_OUTS, KeepOut, LampStatus, LogLine, Outcome, Refusal, Request, Response, Settings, Status,
-    Telemetry,
+    Answer, Command, EXPOSURE_US, Exposure, Field, HomingReport, LampStatus, Outcome, Refusal, Request,
+    Response, Status,
 };
 pub use packet::{CodecError, ToController, ToHost};
+pub use parameters::{
+    AxisParameters, Configuration, DriverParameters, DriverTrouble, HomeDirection, KEEP_OUTS, KeepOut,
+    LAMP_LONGEST_S, Settings,
+};
 pub use wiring::{Alarm, Pin, Pins};
 
 /// Number of axes; their order everywhere is pan, tilt, roll, light.

@@ -3,10 +3,12 @@
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 
+use crate::event::Event;
 use crate::frame::{self, EncodedFrame, MAX_PAYLOAD};
 use crate::frozen::{self, SafeCommand, SafeState};
 use crate::hello::{self, Hello, HelloReply};
-use crate::message::{Configuration, Event, Request, Response};
+use crate::message::{Request, Response};
+use crate::parameters::Configuration;
 
 const MESSAGE: u8 = 1;
 const EVENT: u8 = 2;

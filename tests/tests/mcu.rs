@@ -198,7 +198,13 @@ fn steps_are_in_time(machine: Machine) {
         assert_eq!(client.status().unwrap().known, [true; 4]);
     }
     let health = client.health().unwrap();
-    println!("{}: {health:?}", machine.board);
+    let [used, of] = health.stack.unwrap();
+    println!(
+        "{}: latest step {} µs, longest turn {:.1} ms, stack {used} of {of} bytes",
+        machine.board,
+        health.worst_late_us,
+        f64::from(health.longest_poll_us) / 1000.0
+    );
     assert!(health.worst_late_us < 100, "{health:?}");
     assert!((1..6000).contains(&health.longest_poll_us) && health.overruns == 0, "{health:?}");
     assert!(client.status().unwrap().faults.is_empty());

@@ -4,7 +4,8 @@
 use lobelia_protocol::{Configuration, Event, Fault, FaultReport, Refusal};
 
 use super::{Controller, Task};
-use crate::board::{Board, set};
+use crate::board::Board;
+use crate::pin::set;
 
 impl<B: Board> Controller<B> {
     /// Renews the lease as a request would: for a simulated host that does not follow the controller's clock.

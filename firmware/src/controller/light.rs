@@ -3,7 +3,8 @@
 use lobelia_protocol::{Answer, EXPOSURE_US, Fault, Field, LampStatus, Outcome, Refusal};
 
 use super::{Controller, Task, Trouble};
-use crate::board::{Board, PinFailure, is_high};
+use crate::board::Board;
+use crate::pin::{PinFailure, is_high};
 use crate::shutter::{Closed, REST_US};
 
 /// The camera is looked at this often while it isn't ready, µs.

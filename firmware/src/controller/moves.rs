@@ -6,11 +6,12 @@ use core::array;
 use lobelia_protocol::{AXES, Answer, Axis, Configuration, Fault, Field, HomingReport, Outcome, Refusal};
 
 use super::{Controller, Running, Task, Trouble};
-use crate::board::{Board, PinFailure};
+use crate::board::Board;
 use crate::homing::{Homing, Progress, Purpose};
 use crate::motion::axis::{AxisDrive, Plan};
 use crate::motion::keep_out::{self, Sweep};
 use crate::motion::pulses::{PulsesCell, Trip};
+use crate::pin::PinFailure;
 
 /// How often a homing may approach its switch.
 const APPROACHES: core::ops::RangeInclusive<u8> = 1..=100;
@@ -32,12 +33,24 @@ impl<B: Board> Controller<B> {
             return Err(Refusal::BadParameter { axis: None, field: Field::Approaches }.into());
         }
         if let Purpose::Home { .. } = purpose {
+            self.check_winding(configuration, axes)?;
             let known = self.axes.each_ref().map(|axis| axis.known);
             keep_out::check_homing(configuration, axes, known, self.positions())?;
         }
         let mut searches = [const { None }; AXES];
         self.home_next(now_us, configuration, purpose, axes, &mut searches)?;
         Ok(Task::Home(purpose, axes, searches))
+    }
+
+    /// Refuses to home axes that earlier homings have wound up by over a turn more than moves may: each that finds
+    /// nothing adds one.
+    fn check_winding(&mut self, configuration: &Configuration, axes: [bool; AXES]) -> Result<(), Refusal> {
+        let positions = self.positions();
+        let too_far = |axis: &Axis| {
+            let k = axis.index();
+            axes[k] && self.axes[k].is_wound_beyond(positions[k], &configuration.axes[k])
+        };
+        Axis::ALL.into_iter().find(too_far).map_or(Ok(()), |axis| Err(Refusal::OutOfLimits(axis)))
     }
 
     /// Begins to home those of the chosen axes that have not begun and are first in the order; false when all have.

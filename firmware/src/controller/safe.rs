@@ -3,8 +3,9 @@
 use lobelia_protocol::{Fault, Happening, Refusal, SafeCommand, SafeState, ToHost};
 
 use super::{Controller, Task};
-use crate::board::{Board, PinFailure};
+use crate::board::Board;
 use crate::motion::axis::AxisDrive;
+use crate::pin::PinFailure;
 
 impl<B: Board> Controller<B> {
     /// Obeys and tells how things stand. It renews no lease: whoever only asks must not keep the lamp alight.

@@ -8,8 +8,9 @@ use embedded_hal::digital::InputPin;
 use lobelia_protocol::{AXES, Alarm, Axis, Configuration, Fault, Field, Pin, Pins, Refusal};
 
 use super::Controller;
-use crate::board::{Board, Line, Options, PinFailure, set};
+use crate::board::{Board, Options};
 use crate::motion::pulses::PulsesCell;
+use crate::pin::{Line, PinFailure, set};
 
 /// How the rig is wired, as it was last told to the pins.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -10,9 +10,10 @@
 
 use lobelia_protocol::{AxisParameters, HomeDirection};
 
-use crate::board::{Board, PinFailure};
+use crate::board::Board;
 use crate::motion::axis::AxisDrive;
 use crate::motion::pulses::{PulsesCell, Sight};
+use crate::pin::PinFailure;
 
 /// What an axis is doing to find its home.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

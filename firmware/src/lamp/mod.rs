@@ -4,7 +4,7 @@ use embedded_hal::digital::OutputPin;
 use embedded_hal::pwm::SetDutyCycle;
 use lobelia_protocol::LampStatus;
 
-use crate::board::{Line, PinFailure, set};
+use crate::pin::{Line, PinFailure, set};
 
 const US_PER_S: u64 = 1_000_000;
 

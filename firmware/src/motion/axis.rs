@@ -5,13 +5,14 @@
 
 use lobelia_protocol::{AxisParameters, HomeDirection, Pin, Pins};
 
-use crate::board::{Board, Line, PinFailure, set};
+use crate::board::Board;
 use crate::motion::changes::Changes;
 use crate::motion::fixed::TICK_SHIFT;
 use crate::motion::keep_out::{Sweep, hull};
 use crate::motion::profile::{Limits, Times};
 use crate::motion::pulses::{PulsesCell, Watch};
 use crate::motion::stepper::Stepper;
+use crate::pin::{Line, PinFailure, set};
 
 /// Steps are handed over at least this long before they are due, in ticks: 6 ms.
 const AHEAD: u64 = 6000 << TICK_SHIFT;
@@ -351,6 +352,17 @@ impl<B: Board> AxisDrive<B> {
         self.full_turn = p.full_turn_steps;
         self.known = false;
         self.taken_up = false;
+    }
+
+    /// Whether an axis that turns round and round is wound up by over a turn more than its cables bear in moves.
+    pub(crate) fn is_wound_beyond(&self, position: i32, p: &AxisParameters) -> bool {
+        let turn = i64::from(p.full_turn_steps);
+        if turn == 0 || self.full_turn != p.full_turn_steps {
+            return false;
+        }
+        let wound = self.wound.unwrap_or(i64::from(self.turns) * turn) + i64::from(position);
+        let slack = (i64::from(p.most_turns) + 1) * turn;
+        !(i64::from(p.min_steps) - slack..=i64::from(p.max_steps) + slack).contains(&wound)
     }
 
     /// Brakes where that was asked for, and goes on to what follows the run when it has ended, if the plan may be `changed`.

@@ -1,7 +1,9 @@
 //! Which parameters are allowed. What passes here can't overflow a position, outrun a step pulse, or ask for more steps than the
 //! board makes.
 
-use lobelia_protocol::{Axis, AxisParameters, Configuration, Field, HomeDirection, Pins, Refusal};
+use lobelia_protocol::{
+    Axis, AxisParameters, Configuration, Field, HomeDirection, LAMP_LONGEST_S, Pins, Refusal,
+};
 
 use crate::motion::keep_out;
 
@@ -33,7 +35,7 @@ pub(crate) fn validate(configuration: &Configuration, most_steps_per_s: Option<u
     if !settings.inverted.are_among(Pins::OF_RIG) {
         return bad(None, Field::Wiring);
     }
-    if settings.lamp_longest_s == 0 {
+    if !LAMP_LONGEST_S.contains(&settings.lamp_longest_s) {
         return bad(None, Field::LampTime);
     }
     // High and low, each one count of the clock more than asked for.

@@ -3,8 +3,9 @@
 
 use lobelia_protocol::AXES;
 
-use crate::board::{Board, Line, PinFailure, StepPins, is_high};
+use crate::board::{Board, StepPins};
 use crate::motion::trains::{Edges, Trains};
+use crate::pin::{Line, PinFailure, is_high};
 
 /// Switches that are watched are looked at this often, µs.
 const LOOK_EVERY_US: u32 = 250;

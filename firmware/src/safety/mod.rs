@@ -7,7 +7,7 @@ use core::sync::atomic::{AtomicBool, Ordering};
 use embedded_hal::digital::InputPin;
 use lobelia_protocol::{Fault, Faults, Refusal};
 
-use crate::board::{PinFailure, is_high};
+use crate::pin::{PinFailure, is_high};
 
 /// The emergency stop as an interrupt sees it.
 ///

@@ -6,7 +6,8 @@
 use embedded_hal::digital::OutputPin;
 use lobelia_protocol::Exposure;
 
-use crate::board::{AnalogInput, Line, PinFailure, Readings, TimedShutter, set};
+use crate::board::{AnalogInput, Readings, TimedShutter};
+use crate::pin::{Line, PinFailure, set};
 
 /// Photodiode readings are this far apart, or closer in short exposures, µs; one that reads by itself is asked as often.
 const READING_EVERY_US: u32 = 1000;

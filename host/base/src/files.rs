@@ -99,7 +99,7 @@ pub fn what_is(path: &Path) -> Option<&'static str> {
         "exr" => "an SBRDF map or a picture",
         "hdr" | "pic" | "png" | "jpg" | "jpeg" => "a picture",
         "tif" | "tiff" => "a photograph",
-        "gltf" | "glb" | "obj" | "ply" => "a mesh",
+        "gltf" | "glb" | "obj" | "ply" | "bpt" => "a mesh",
         "zarr" => "a sampled SBRDF",
         "brdf" | "binary" | "alta" => "a measured table",
         _ => return None,

@@ -136,8 +136,9 @@ impl Report {
     /// # Errors
     /// When the disk refuses.
     pub fn write(&self, path: &Path) -> Result<()> {
-        let text = serde_json::to_vec_pretty(&json!(self))
-            .map_err(|error| Error::failure(format!("the report cannot be written: {error}")))?;
+        let text = serde_json::to_vec_pretty(&json!(self)).map_err(|error| {
+            Error::failure(format!("the report cannot be written: {error}")).caused_by(error)
+        })?;
         files::write_bytes(path, &text)
     }
 }

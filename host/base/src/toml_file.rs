@@ -78,7 +78,7 @@ pub fn parse<T: DeserializeOwned>(text: &str, name: &str) -> Result<T> {
     toml::from_str(text).map_err(|error| {
         let line = error.span().map(|span| 1 + text[..span.start.min(text.len())].matches('\n').count());
         let place = line.map_or_else(|| name.to_string(), |line| format!("{name}, line {line}"));
-        Error::input(format!("{place}: {}", sentence(error.message())))
+        Error::input(format!("{place}: {}", sentence(error.message()))).caused_by(error)
     })
 }
 

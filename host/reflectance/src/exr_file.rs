@@ -52,13 +52,17 @@ pub fn read(
     choose: impl Fn(&[&str]) -> Option<Vec<String>>,
 ) -> Result<ExrLayer, FormatError> {
     let named = |what: String| FormatError::Invalid(format!("{}: {what}", path.display()));
-    let file = File::open(path).map_err(|error| named(format!("cannot be read: {error}")))?;
-    let metadata = file.metadata().map_err(|error| named(format!("cannot be read: {error}")))?;
+    let unreadable = |what: String, source: Box<dyn std::error::Error + Send + Sync>| {
+        FormatError::Unreadable { message: format!("{}: {what}", path.display()), source }
+    };
+    let no_file = |error: std::io::Error| unreadable(format!("cannot be read: {error}"), error.into());
+    let file = File::open(path).map_err(no_file)?;
+    let metadata = file.metadata().map_err(no_file)?;
     if metadata.is_dir() {
         return Err(named(format!("{}, no OpenEXR file", files::what_is(path).unwrap_or("a folder"))));
     }
     let length = metadata.len();
-    let broken = |error: exr::error::Error| named(sentence(&error));
+    let broken = |error: exr::error::Error| unreadable(sentence(&error), error.into());
     let reader = block::read(BufReader::new(file), false).map_err(broken)?;
 
     let (index, channels) = chosen(reader.headers(), &choose)

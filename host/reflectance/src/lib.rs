@@ -73,4 +73,12 @@ pub enum FormatError {
     /// The content is not what the format says; the sentence names the line, the row or the channel.
     #[error("{0}")]
     Invalid(String),
+    /// The content could not be read by what reads the format; the sentence names the file.
+    #[error("{message}")]
+    Unreadable {
+        /// The sentence.
+        message: String,
+        /// What the reader said.
+        source: Box<dyn std::error::Error + Send + Sync>,
+    },
 }

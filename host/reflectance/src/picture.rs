@@ -49,7 +49,9 @@ impl Picture {
                 self.height as u32,
                 image::ExtendedColorType::Rgb8,
             )
-            .map_err(|error| Error::failure(format!("the picture cannot be encoded as PNG: {error}")))?;
+            .map_err(|error| {
+                Error::failure(format!("the picture cannot be encoded as PNG: {error}")).caused_by(error)
+            })?;
         Ok(bytes)
     }
 

@@ -27,7 +27,7 @@ pub fn decode(path: &Path) -> Result<DynamicImage> {
 /// # Errors
 /// As [`decode`].
 pub fn decode_with_profile(path: &Path) -> Result<(DynamicImage, Option<Vec<u8>>)> {
-    let reading = |error: image::ImageError| Error::reading(path, sentence(&error));
+    let reading = |error: image::ImageError| Error::reading(path, sentence(&error)).caused_by(error);
     let length = std::fs::metadata(path).map_err(|error| Error::reading(path, error))?.len();
     let reader = ImageReader::open(path)
         .and_then(ImageReader::with_guessed_format)

@@ -70,7 +70,10 @@ impl MeasuredTable {
     pub fn read(path: &Path) -> Result<Self, FormatError> {
         let named =
             |error: &dyn std::fmt::Display| FormatError::Invalid(format!("{}: {error}", path.display()));
-        let bytes = std::fs::read(path).map_err(|error| named(&format!("cannot be read: {error}")))?;
+        let bytes = std::fs::read(path).map_err(|error| FormatError::Unreadable {
+            message: format!("{}: cannot be read: {error}", path.display()),
+            source: error.into(),
+        })?;
         if path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("binary")) {
             return merl::parse(&bytes).map_err(|error| named(&error));
         }

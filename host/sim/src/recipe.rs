@@ -184,10 +184,10 @@ impl MaterialRecipe {
             }
             (None, Some(table), None) => {
                 let path = folder.join(table);
-                let table = MeasuredTable::read(&path).map_err(|error| Error::input(error.to_string()))?;
+                let table = MeasuredTable::read(&path).map_err(Error::format)?;
                 let brdf =
                     InterpolatedBrdf::new(&table, self.wavelengths_nm.unwrap_or([650.0, 550.0, 450.0]))
-                        .map_err(|error| Error::input(error.to_string()).at(path.display()))?;
+                        .map_err(|error| Error::format(error).at(path.display()))?;
                 Ok(Material::Measured(Arc::new(brdf)))
             }
             (None, None, Some(rho_d)) => Ok(Material::Lobes(self.lobe_brdf(rho_d)?)),

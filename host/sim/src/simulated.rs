@@ -81,7 +81,8 @@ impl SimulatedCamera {
     fn note_truth(&self, file: &Path, truth: Truth) -> Result<()> {
         let folder = file.parent().and_then(Path::parent).unwrap_or(Path::new("."));
         let path = folder.join(TRUTH_FILE);
-        let mut line = serde_json::to_vec(&truth).map_err(|error| Error::failure(error.to_string()))?;
+        let mut line =
+            serde_json::to_vec(&truth).map_err(|error| Error::failure(error.to_string()).caused_by(error))?;
         line.push(b'\n');
         append_line(&path, &line).map_err(|error| Error::writing(&path, error))
     }

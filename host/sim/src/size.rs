@@ -3,13 +3,13 @@
 use lobelia_measure::rig::config::RigConfig;
 
 /// How much to measure.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Size {
-    /// 48 × 48 texels, 80 poses: seconds
+    /// 48 × 48 texels, 80 poses: seconds.
     Small,
-    /// 128 × 128 texels, 200 poses: about half a minute
+    /// 128 × 128 texels, 200 poses: about half a minute.
     Medium,
-    /// 256 × 256 texels, 400 poses: many minutes
+    /// 256 × 256 texels, 400 poses: many minutes.
     Full,
 }
 

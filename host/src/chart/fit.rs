@@ -32,7 +32,7 @@ pub fn chart(seed: u64) -> Result<Chart> {
     let pool = rayon::ThreadPoolBuilder::new()
         .num_threads(1)
         .build()
-        .map_err(|error| Error::failure(format!("a thread cannot be started: {error}")))?;
+        .map_err(|error| Error::failure(format!("a thread cannot be started: {error}")).caused_by(error))?;
     let mut sections = pool.install(|| -> Result<Vec<Section>> {
         Ok(vec![
             methods(seed)?,

@@ -160,12 +160,12 @@ fn in_short(found: &Found) -> Cell {
 
 /// The size of the sampled material, MB, and what every fit makes of it; `done` is called a fit.
 fn judged(material: &Material, seed: u64, done: impl Fn()) -> Result<(f64, Vec<Found>)> {
-    let folder =
-        tempfile::tempdir().map_err(|error| Error::failure(format!("no folder for sizes: {error}")))?;
+    let folder = tempfile::tempdir()
+        .map_err(|error| Error::failure(format!("no folder for sizes: {error}")).caused_by(error))?;
     let pool = rayon::ThreadPoolBuilder::new()
         .num_threads(1)
         .build()
-        .map_err(|error| Error::failure(format!("a thread cannot be started: {error}")))?;
+        .map_err(|error| Error::failure(format!("a thread cannot be started: {error}")).caused_by(error))?;
     let layout = Laid::new(material)?;
     let sampled = layout.sampled(seed);
     let store = folder.path().join("sampled.zarr");
@@ -179,7 +179,7 @@ fn judged(material: &Material, seed: u64, done: impl Fn()) -> Result<(f64, Vec<F
         let mean = rms.iter().map(|&rms| f64::from(rms)).sum::<f64>() / rms.len() as f64;
         let most = f64::from(rms.iter().copied().fold(0.0, f32::max));
         let path = folder.path().join("map.exr");
-        map.write_exr(&path).map_err(|error| Error::failure(error.to_string()))?;
+        map.write_exr(&path).map_err(|error| Error::failure(error.to_string()).caused_by(error))?;
         done();
         Ok(Found {
             time_s,

@@ -186,8 +186,8 @@ fn keep_material(args: &AcquireArgs) -> Result<()> {
         return Ok(());
     };
     let recipe = crate::acquire::recipe::Recipe::load(path)?;
-    let text =
-        toml::to_string(&recipe).map_err(|error| Error::failure(format!("{MATERIAL_FILE}: {error}")))?;
+    let text = toml::to_string(&recipe)
+        .map_err(|error| Error::failure(format!("{MATERIAL_FILE}: {error}")).caused_by(error))?;
     files::create_folder(&args.output)?;
     files::write_bytes(&kept, text.as_bytes())
 }

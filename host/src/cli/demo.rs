@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use clap::Args;
+use clap::{Args, ValueEnum};
 
 use super::Context;
 use crate::by_angle::{PERCENTILES, Row, Side};
@@ -20,8 +20,8 @@ pub(super) struct DemoArgs {
     #[arg(short = 'o', long, alias = "output", default_value = "demo-out")]
     out: PathBuf,
     /// How much to measure
-    #[arg(long, value_enum, default_value_t = Size::Medium)]
-    size: Size,
+    #[arg(long, value_enum, default_value_t = SizeName::Medium)]
+    size: SizeName,
     /// Number of poses, instead of the size's
     #[arg(long, value_parser = clap::value_parser!(u32).range(4..))]
     poses: Option<u32>,
@@ -39,16 +39,32 @@ pub(super) struct DemoArgs {
     anisotropic: bool,
 }
 
+/// Names of sizes on the command line.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum SizeName {
+    /// 48 × 48 texels, 80 poses: seconds
+    Small,
+    /// 128 × 128 texels, 200 poses: about half a minute
+    Medium,
+    /// 256 × 256 texels, 400 poses: many minutes
+    Full,
+}
+
 /// Runs `lobelia demo`.
 pub(super) fn run(args: &DemoArgs, context: &mut Context) -> Result<()> {
     let seed = context.seed;
+    let size = match args.size {
+        SizeName::Small => Size::Small,
+        SizeName::Medium => Size::Medium,
+        SizeName::Full => Size::Full,
+    };
     let settings = Settings {
         poses: args.poses.map(|poses| poses as usize),
         recipe: args.material.clone(),
         lobes: args.lobes,
         separate_channels: args.separate_channels,
         anisotropic: args.anisotropic,
-        ..Settings::new(args.size, seed)
+        ..Settings::new(size, seed)
     };
     // Before an earlier demo is removed.
     settings.check()?;
@@ -62,13 +78,8 @@ pub(super) fn run(args: &DemoArgs, context: &mut Context) -> Result<()> {
     }
     clear(&args.out)?;
     let outcome = demo::run(&args.out, &settings, &mut context.report)?;
-    let (pictures, no_gpu) = pictures::render(
-        &outcome.fits.result.map,
-        args.size.picture(),
-        &args.out,
-        seed,
-        &mut context.report,
-    )?;
+    let (pictures, no_gpu) =
+        pictures::render(&outcome.fits.result.map, size.picture(), &args.out, seed, &mut context.report)?;
     context.report.finish(crate::sampled::geometry_sha256);
     let page = args.out.join("report.html");
     page::write(&outcome, &context.report, &pictures, &page)?;

@@ -83,7 +83,8 @@ impl DevelopArgs {
         let rig = rig(&self.run, self.rig.as_deref(), &self.set)?;
         let mut texts = Attributes::new();
         if let Some(rig) = &rig {
-            let text = toml::to_string(rig).map_err(|error| Error::failure(format!("the rig: {error}")))?;
+            let text = toml::to_string(rig)
+                .map_err(|error| Error::failure(format!("the rig: {error}")).caused_by(error))?;
             texts.insert("developed_by_rig_toml".into(), text.into());
             texts.insert("run_rig_toml".into(), files::read_text(&own)?.into());
         }

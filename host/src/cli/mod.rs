@@ -252,10 +252,9 @@ fn run(cli: Cli) -> Result<()> {
         if !(1..=MOST_THREADS).contains(&threads) {
             return Err(Error::input(format!("--threads is {threads}, must be 1 to {MOST_THREADS}")));
         }
-        rayon::ThreadPoolBuilder::new()
-            .num_threads(threads)
-            .build_global()
-            .map_err(|error| Error::failure(format!("{threads} threads cannot be started: {error}")))?;
+        rayon::ThreadPoolBuilder::new().num_threads(threads).build_global().map_err(|error| {
+            Error::failure(format!("{threads} threads cannot be started: {error}")).caused_by(error)
+        })?;
     }
     let Global { seed: given_seed, quiet, verbose, report, .. } = cli.global;
     report.iter().try_for_each(|path| files::try_file(path))?;

@@ -24,7 +24,7 @@ use crate::scene::{Scene, State};
 /// Render a scene of SBRDF materials.
 #[derive(Debug, clap::Args)]
 pub(super) struct RenderArgs {
-    /// The scene: a .toml file, or one that is shipped: studio-ball, sky-drape, lamps, window, metal-row, gallery, panels
+    /// The scene: a .toml file, or one that is shipped: studio-ball, sky-drape, lamps, window, metal-row, gallery, teapot, panels
     pub(super) scene: PathBuf,
     /// Where the picture goes: .exr is linear, .png is tone-mapped. May be given more than once. A name with # (frame-##.png)
     /// takes every frame of the scene's animation

@@ -113,7 +113,7 @@ fn sampled(material: &str, options: Options) -> Result<SampledSbrdf> {
     let path = Path::new(material);
     match files::ending(path).as_str() {
         "exr" => {
-            let map = SbrdfMap::read_exr(path).map_err(|error| Error::input(error.to_string()))?;
+            let map = SbrdfMap::read_exr(path).map_err(Error::format)?;
             let options = Options { width: map.width, height: map.height, ..options };
             fits(map.width, map.height, options.poses)?;
             Ok(synth::sample(&options, |index, _, wi, wo| map.eval(index, wi, wo)))

@@ -26,7 +26,9 @@ enum Kind {
 /// Runs `lobelia template`.
 pub(super) fn run(args: &TemplateArgs) -> Result<()> {
     let written = |text: std::result::Result<String, toml::ser::Error>| {
-        text.map_err(|error| Error::failure(format!("the example cannot be written: {error}")))
+        text.map_err(|error| {
+            Error::failure(format!("the example cannot be written: {error}")).caused_by(error)
+        })
     };
     match args.kind {
         Kind::Rig => {

@@ -1,5 +1,6 @@
 //! The brown-out level, in the option bytes: as delivered the chip runs on down to 1.8 V, where flash and pins do what they like.
 
+use lobelia_board_support::brown_out::{is_highest, with_highest};
 use lobelia_firmware::BrownOut;
 use stm32f4xx_hal::pac;
 
@@ -17,7 +18,7 @@ fn flash() -> &'static pac::flash::RegisterBlock {
 
 impl BrownOut for Level3 {
     fn is_set(&mut self) -> bool {
-        flash().optcr().read().bor_lev().is_bor_level3()
+        is_highest(flash().optcr().read().bits())
     }
 
     fn set(&mut self) {
@@ -26,8 +27,9 @@ impl BrownOut for Level3 {
             // SAFETY: the keys in their order unlock, anything else locks until the next reset.
             flash.optkeyr().write(|w| unsafe { w.bits(key) });
         }
-        // All other option bytes stay as they were loaded.
-        flash.optcr().modify(|_, w| w.bor_lev().bor_level3());
+        while flash.sr().read().bsy().bit_is_set() {}
+        // SAFETY: all other option bytes stay as they were loaded.
+        flash.optcr().modify(|r, w| unsafe { w.bits(with_highest(r.bits())) });
         flash.optcr().modify(|_, w| w.optstrt().set_bit());
         while flash.sr().read().bsy().bit_is_set() {}
         flash.optcr().modify(|_, w| w.optlock().set_bit());

@@ -17,6 +17,8 @@ const SIZE: usize = 2048;
 const STREAM: usize = 0;
 /// The first stream's flags.
 const FLAGS: u32 = 0x3D;
+/// From when the converter is on until it is steady, µs.
+const STEADY_US: u32 = 3;
 /// In `SR`: a reading was lost, and the converter has stopped.
 const OVERRUN: u32 = 1 << 5;
 
@@ -60,8 +62,9 @@ impl Photodiode {
             dma().st(STREAM).cr().write(|w| w.bits(0));
         }
         while dma().st(STREAM).cr().read().en().bit_is_set() {}
-        // On again, for the supply's conversions.
+        // On again, for single conversions.
         adc().cr2().write(|w| w.adon().set_bit());
+        cortex_m::asm::delay(STEADY_US * TICKS_PER_US);
     }
 }
 
@@ -93,9 +96,8 @@ impl AnalogInput for Photodiode {
             adc().sqr3().write(|w| w.bits(0));
             adc().sr().write(|w| w.bits(0));
         }
-        // On, again and again, each to the DMA for as long as it asks; it needs 3 µs to be steady.
+        // Again and again, each to the DMA for as long as it asks.
         adc().cr2().write(|w| w.adon().set_bit().cont().set_bit().dma().set_bit().dds().set_bit());
-        cortex_m::asm::delay(3 * TICKS_PER_US);
         adc().cr2().modify(|_, w| w.swstart().set_bit());
         self.since_us = Some(now_us());
         true

@@ -5,6 +5,8 @@ use core::sync::atomic::{AtomicU16, Ordering::Relaxed};
 
 use stm32f4xx_hal::pac;
 
+use crate::interrupt::TICKS_PER_US;
+
 /// Reading of the reference at 3.3 V, from the factory.
 const CALIBRATION: *const u16 = 0x1FFF_7A2A as *const u16;
 const CALIBRATED_MV: u32 = 3300;
@@ -14,7 +16,7 @@ const REFERENCE: u8 = 17;
 /// What was measured last, mV; 0 before that.
 static LATEST: AtomicU16 = AtomicU16::new(0);
 
-/// Sets the conversion up, once the converter is on.
+/// Sets the conversion up, once the converter is on, and begins the first.
 pub(crate) fn start() {
     // SAFETY: these bits are used here alone.
     let (adc, common) = unsafe { (&*pac::ADC1::ptr(), &*pac::ADC_COMMON::ptr()) };
@@ -23,6 +25,9 @@ pub(crate) fn start() {
     adc.smpr1().modify(|_, w| w.smp17().cycles480());
     // SAFETY: one conversion, of an input that there is.
     adc.jsqr().write(|w| unsafe { w.jl().bits(0).jsq4().bits(REFERENCE) });
+    // The reference, too, needs 10 µs to start.
+    cortex_m::asm::delay(10 * TICKS_PER_US);
+    adc.cr2().modify(|_, w| w.jswstart().set_bit());
 }
 
 /// The supply by the latest conversion, mV; begins another, unless the photodiode reads by itself.

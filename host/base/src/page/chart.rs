@@ -61,8 +61,9 @@ impl Chart {
             let path = folder.join(format!("{}-{}.svg", self.name, index + 1));
             files::write_bytes(&path, plot.svg_file().as_bytes())?;
         }
-        let json = serde_json::to_vec_pretty(self)
-            .map_err(|error| Error::failure(format!("the chart cannot be written as JSON: {error}")))?;
+        let json = serde_json::to_vec_pretty(self).map_err(|error| {
+            Error::failure(format!("the chart cannot be written as JSON: {error}")).caused_by(error)
+        })?;
         files::write_bytes(&folder.join(format!("{}.json", self.name)), &json)?;
         let path = folder.join(format!("{}.html", self.name));
         files::write_bytes(&path, self.html().as_bytes())?;

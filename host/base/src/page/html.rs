@@ -104,7 +104,9 @@ fn encode(data: &[u8], width: usize, height: usize, kind: image::ExtendedColorTy
     let mut bytes = Vec::new();
     PngEncoder::new_with_quality(&mut bytes, CompressionType::Best, FilterType::Adaptive)
         .write_image(data, width as u32, height as u32, kind)
-        .map_err(|error| Error::failure(format!("a picture of the page cannot be encoded: {error}")))?;
+        .map_err(|error| {
+            Error::failure(format!("a picture of the page cannot be encoded: {error}")).caused_by(error)
+        })?;
     Ok(bytes)
 }
 

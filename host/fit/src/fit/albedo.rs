@@ -12,7 +12,12 @@ use super::samples::{Samples, Target};
 const ROUNDS: usize = 8;
 
 /// Amplitudes of one channel: `x[0]` is ρ_d, then one a lobe. With `fixed_diffuse` ρ_d stays at that value.
-pub fn solve(samples: &Samples, target: &Target, model: &Model, fixed_diffuse: Option<f64>) -> Vec<f64> {
+pub(crate) fn solve(
+    samples: &Samples,
+    target: &Target,
+    model: &Model,
+    fixed_diffuse: Option<f64>,
+) -> Vec<f64> {
     let first = usize::from(fixed_diffuse.is_none());
     let size = first + model.lobes.len();
     let offset = fixed_diffuse.unwrap_or(0.0);
@@ -34,7 +39,7 @@ pub fn solve(samples: &Samples, target: &Target, model: &Model, fixed_diffuse: O
 
 /// The published colours (4.10): every lobe of the model, fitted to luminance, times the mean over the samples of (f − ρ_d) / f̄, with f̄ the
 /// lobes' sum. Takes ρ_d from `x`, as [`solve`] gives it, and replaces the rest; kept within the same bounds.
-pub fn mean_ratio(samples: &Samples, target: &Target, model: &Model, x: &mut [f64]) {
+pub(crate) fn mean_ratio(samples: &Samples, target: &Target, model: &Model, x: &mut [f64]) {
     let lobes = Model { diffuse: 0.0, ..model.clone() };
     let (mut sum, mut count) = (0.0, 0.0);
     for (k, value) in target.value.iter().enumerate() {

@@ -9,7 +9,7 @@ const STEPS: usize = 80;
 
 /// Three places of which the middle one is nowhere above the others; at an end of the range two of them are the same.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Bracket {
+pub(crate) struct Bracket {
     /// Left place.
     pub low: f64,
     /// Place of the least value.
@@ -22,7 +22,12 @@ pub struct Bracket {
 
 /// A bracket in the valley into which a first step from `start` leads: downhill with growing steps until the function rises again or the
 /// range ends.
-pub fn downhill(mut f: impl FnMut(f64) -> f64, start: f64, step: f64, [least, most]: [f64; 2]) -> Bracket {
+pub(crate) fn downhill(
+    mut f: impl FnMut(f64) -> f64,
+    start: f64,
+    step: f64,
+    [least, most]: [f64; 2],
+) -> Bracket {
     let (mut behind, mut at) = (start, start + step);
     let (first, mut value) = (f(behind), f(at));
     let mut stride = step;
@@ -41,7 +46,7 @@ pub fn downhill(mut f: impl FnMut(f64) -> f64, start: f64, step: f64, [least, mo
 }
 
 /// The bracket of the least of `count` + 1 evenly spaced values over a range.
-pub fn over(f: impl FnMut(f64) -> f64, [least, most]: [f64; 2], count: usize) -> Bracket {
+pub(crate) fn over(f: impl FnMut(f64) -> f64, [least, most]: [f64; 2], count: usize) -> Bracket {
     let place = |index: usize| least + (most - least) * index as f64 / count as f64;
     let values: Vec<f64> = (0..=count).map(place).map(f).collect();
     let best = (0..=count).min_by(|&a, &b| values[a].total_cmp(&values[b])).unwrap_or(0);
@@ -54,7 +59,7 @@ pub fn over(f: impl FnMut(f64) -> f64, [least, most]: [f64; 2], count: usize) ->
 }
 
 /// The place of the least value within a bracket to about `width`: parabolas, golden section where they fail.
-pub fn minimise(mut f: impl FnMut(f64) -> f64, bracket: Bracket, width: f64) -> f64 {
+pub(crate) fn minimise(mut f: impl FnMut(f64) -> f64, bracket: Bracket, width: f64) -> f64 {
     let Bracket { low: mut a, middle: mut x, high: mut b, value: mut fx } = bracket;
     let (mut w, mut v) = (x, x);
     let (mut fw, mut fv) = (fx, fx);

@@ -86,6 +86,20 @@ pub fn fit_level(store: &SampledStore, options: &FitOptions, level: u32) -> Resu
     fit_level_counted(store, options, level, None)
 }
 
+/// Fits all MIP levels of a store but the finest, one after another; each names the finest that it belongs to.
+pub fn fit_levels(
+    store: &SampledStore,
+    options: &FitOptions,
+    finest: &SbrdfMap,
+) -> impl Iterator<Item = Result<(u32, SbrdfMap)>> {
+    let of = mip::fingerprint(finest);
+    (1..=mip::last([store.width, store.height])).map(move |level| {
+        let mut map = fit_level(store, options, level)?;
+        map.attributes.insert(mip::OF.into(), of.clone());
+        Ok((level, map))
+    })
+}
+
 fn fit_level_counted(
     store: &SampledStore,
     options: &FitOptions,

@@ -5,7 +5,7 @@
 use super::samples::Samples;
 
 /// Bounds of α.
-pub const WIDTHS: [f64; 2] = [1e-3, 1.0];
+pub(crate) const WIDTHS: [f64; 2] = [1e-3, 1.0];
 
 /// A microfacet term of one value.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -41,7 +41,7 @@ fn cosines(samples: &Samples, k: usize) -> [f64; 3] {
 
 /// w, S = D G / (4 cosθ_i cosθ_o) and the derivative of its logarithm by ln α, for cosθ_i, cosθ_o and ω_i·ω_o.
 #[inline(always)]
-pub fn parts(alpha: f64, [cos_i, cos_o, dot]: [f64; 3]) -> (f64, f64, f64) {
+pub(crate) fn parts(alpha: f64, [cos_i, cos_o, dot]: [f64; 3]) -> (f64, f64, f64) {
     // |ω_i + ω_o|² and the half vector's squared cosine.
     let length2 = (2.0 * (1.0 + dot)).max(1e-12);
     let sum = cos_i + cos_o;

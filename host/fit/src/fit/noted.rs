@@ -6,7 +6,7 @@ use lobelia_reflectance::SbrdfMap;
 
 /// The lobes, how they were chosen and what a texel may have beside them; all else is as by default. None of a map that no fit of texels
 /// made, or whose attributes say otherwise than they were written.
-pub fn options(map: &SbrdfMap) -> Option<FitOptions> {
+pub(crate) fn options(map: &SbrdfMap) -> Option<FitOptions> {
     let text = |name: &str| map.attributes.get(name).map(String::as_str);
     let lobes = text("fit.lobes")?;
     let (choose, count) = lobes.strip_prefix("auto:").map_or((false, lobes), |most| (true, most));

@@ -12,7 +12,7 @@ const VIOLATED: f64 = 1e-10;
 
 /// An inequality aᵀ x ≤ b.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Inequality {
+pub(crate) struct Inequality {
     /// a; places beyond the unknowns are 0.
     pub row: [f64; MOST_UNKNOWNS],
     /// b.
@@ -21,7 +21,7 @@ pub struct Inequality {
 
 /// The minimum.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Minimum {
+pub(crate) struct Minimum {
     /// The unknowns.
     pub x: [f64; MOST_UNKNOWNS],
     /// Places of the inequalities that hold with equality, and their multipliers, > 0.
@@ -32,7 +32,7 @@ pub struct Minimum {
 
 impl Minimum {
     /// The inequalities that hold with equality, with their multipliers.
-    pub fn pressing(&self) -> impl Iterator<Item = (usize, f64)> + '_ {
+    pub(crate) fn pressing(&self) -> impl Iterator<Item = (usize, f64)> + '_ {
         self.active[..self.count].iter().copied()
     }
 }
@@ -41,7 +41,7 @@ type Vector = [f64; MOST_UNKNOWNS];
 
 /// Minimises ½ xᵀ H x − rhsᵀ x where all inequalities hold; H symmetric positive definite, row by row. None where H is not, or no x meets
 /// the inequalities.
-pub fn minimise(hessian: &[f64], rhs: &[f64], inequalities: &[Inequality]) -> Option<Minimum> {
+pub(crate) fn minimise(hessian: &[f64], rhs: &[f64], inequalities: &[Inequality]) -> Option<Minimum> {
     let size = rhs.len();
     let mut factor = [0.0; MOST_UNKNOWNS * MOST_UNKNOWNS];
     let factor = &mut factor[..size * size];

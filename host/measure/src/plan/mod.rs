@@ -112,7 +112,8 @@ impl Plan {
     /// # Errors
     /// When a number cannot be written, which a valid plan rules out.
     pub fn to_toml(&self) -> Result<String> {
-        toml::to_string(self).map_err(|error| Error::failure(format!("the plan cannot be written: {error}")))
+        toml::to_string(self)
+            .map_err(|error| Error::failure(format!("the plan cannot be written: {error}")).caused_by(error))
     }
 
     /// Checks format, limits and exposures.

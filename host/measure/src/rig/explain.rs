@@ -28,7 +28,9 @@ pub(crate) fn refusal(refusal: Refusal) -> Error {
             Error::failure(format!("the position of {} is unknown; home the rig first", axis.name()))
         }
         Refusal::OutOfLimits(axis) => Error::input(format!(
-            "the target of {} is beyond its limits; correct the plan or the limits in the rig's file",
+            "the target of {} is beyond its limits: correct the plan or the limits in the rig's file; or, where it was to be homed, its cables \
+             are wound up too far by homings that found no switch: switch the motors off, unwind them by hand, mend the switch, and \
+             switch the controller off and on",
             axis.name()
         )),
         Refusal::LampNotWarm { remaining_s: Some(seconds) } => {
@@ -215,7 +217,7 @@ fn range(field: Field) -> &'static str {
             "the board cannot make so many steps a second; lower max_speed_deg_s or the microsteps"
         }
         Field::Axes => "at least one has to be chosen",
-        Field::LampTime => "it has to be at least 1 s",
+        Field::LampTime => "it has to be 1 s to a week",
         Field::Alarm => "the board has no such input; say alarm = \"none\" for the axis",
         Field::Wiring => "there are some that it does not have",
         Field::KeepOut => {

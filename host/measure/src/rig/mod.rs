@@ -7,6 +7,7 @@ mod explain;
 pub mod geometry;
 mod keep_alive;
 pub mod monitor;
+pub mod parameters;
 pub mod port;
 pub mod replay;
 pub mod safe;

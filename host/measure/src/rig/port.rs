@@ -53,10 +53,13 @@ pub fn open_port(name: &str) -> Result<Box<dyn Port>> {
 fn open_tcp(name: &str, address: &str) -> Result<Box<dyn Port>> {
     let stream = TcpStream::connect(address).map_err(|error| {
         let what = format!("port {name} cannot be opened: {error}; is the rig's server running there?");
-        if error.kind() == io::ErrorKind::InvalidInput { Error::input(what) } else { Error::failure(what) }
+        let address = error.kind() == io::ErrorKind::InvalidInput;
+        if address { Error::input(what) } else { Error::failure(what) }.caused_by(error)
     })?;
     // Requests are small and each waits for its answer.
-    stream.set_nodelay(true).map_err(|error| Error::failure(format!("port {name}: {error}")))?;
+    stream
+        .set_nodelay(true)
+        .map_err(|error| Error::failure(format!("port {name}: {error}")).caused_by(error))?;
     Ok(Box::new(stream))
 }
 
@@ -76,11 +79,8 @@ fn open_serial(name: &str) -> Result<Box<dyn Port>> {
             let list = if found.is_empty() { "none".to_owned() } else { found.join(", ") };
             let what = format!("port {name} cannot be opened: {error}; serial ports found: {list}");
             // A port that exists but can't be had is the machine's fault, another name the user's.
-            if found.iter().any(|port| port == name) {
-                Err(Error::failure(what))
-            } else {
-                Err(Error::input(what))
-            }
+            let there = found.iter().any(|port| port == name);
+            Err(if there { Error::failure(what) } else { Error::input(what) }.caused_by(error))
         }
     }
 }

@@ -139,7 +139,7 @@ pub fn read(path: &Path) -> Result<Vec<(usize, Entry)>> {
     lines
         .map(|(index, line)| {
             let entry = serde_json::from_str(line).map_err(|error| {
-                Error::input(format!("is no request, no pause: {error}")).at(format!(
+                Error::input(format!("is no request, no pause: {error}")).caused_by(error).at(format!(
                     "{}, line {}",
                     path.display(),
                     index + 1

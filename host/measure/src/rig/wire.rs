@@ -61,7 +61,7 @@ impl Wire {
 
     /// Sends bytes as they are, whether they are a frame or not.
     pub(crate) fn send_bytes(&mut self, bytes: &[u8]) -> Result<()> {
-        self.port.write_all(bytes).and_then(|()| self.port.flush()).map_err(|error| lost(&error))
+        self.port.write_all(bytes).and_then(|()| self.port.flush()).map_err(lost)
     }
 
     /// Receives what comes for a while, for whoever asks next. A controller that never falls silent is not listened to for longer.
@@ -100,14 +100,14 @@ impl Wire {
                 ));
             }
             let mut buffer = [0; 512];
-            self.port.set_read_timeout(timeout).map_err(|error| lost(&error))?;
+            self.port.set_read_timeout(timeout).map_err(lost)?;
             match self.port.read(&mut buffer) {
-                Ok(0) => return Err(lost(&ErrorKind::UnexpectedEof.into())),
+                Ok(0) => return Err(lost(ErrorKind::UnexpectedEof.into())),
                 Ok(count) => self.inbox.extend(&buffer[..count]),
                 Err(error) => match error.kind() {
                     ErrorKind::TimedOut | ErrorKind::WouldBlock => return Ok(None),
                     ErrorKind::Interrupted => {}
-                    _ => return Err(lost(&error)),
+                    _ => return Err(lost(error)),
                 },
             }
         }
@@ -117,8 +117,8 @@ impl Wire {
 /// What to do once the link is lost.
 pub(crate) const PLUG_IN: &str = "; plug it in, then start again (acquire: with --resume)";
 
-fn lost(error: &std::io::Error) -> Error {
-    Error::failure(format!("the link to the rig's controller was lost ({error}){PLUG_IN}"))
+fn lost(error: std::io::Error) -> Error {
+    Error::failure(format!("the link to the rig's controller was lost ({error}){PLUG_IN}")).caused_by(error)
 }
 
 #[cfg(test)]

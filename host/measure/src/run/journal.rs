@@ -178,8 +178,8 @@ impl Journal {
     /// # Errors
     /// When the disk refuses.
     pub fn append(&mut self, record: &Record) -> Result<()> {
-        let mut line =
-            serde_json::to_vec(record).map_err(|error| Error::failure(format!("journal: {error}")))?;
+        let mut line = serde_json::to_vec(record)
+            .map_err(|error| Error::failure(format!("journal: {error}")).caused_by(error))?;
         line.push(b'\n');
         let written = self.file.write_all(&line).and_then(|()| self.file.sync_data());
         written.map_err(|error| Error::writing(&self.path, error))

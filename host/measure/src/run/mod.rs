@@ -43,7 +43,8 @@ impl RunFolder {
         files::create_folder(path)?;
         let mut journal = Journal::create(path)?;
         files::create_folder(&path.join("frames"))?;
-        let rig_text = toml::to_string(rig).map_err(|error| Error::failure(format!("rig.toml: {error}")))?;
+        let rig_text = toml::to_string(rig)
+            .map_err(|error| Error::failure(format!("rig.toml: {error}")).caused_by(error))?;
         let plan_text = plan.to_toml()?;
         files::write_bytes(&path.join(RIG_FILE), rig_text.as_bytes())?;
         files::write_bytes(&path.join(PLAN_FILE), plan_text.as_bytes())?;

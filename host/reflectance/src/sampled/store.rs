@@ -267,7 +267,7 @@ fn write_store(
     sampled: &SampledSbrdf,
     path: &Path,
     more: &Attributes,
-) -> std::result::Result<(), Box<dyn std::error::Error>> {
+) -> std::result::Result<(), Box<dyn std::error::Error + Send + Sync>> {
     let store = Arc::new(FilesystemStore::new(path)?);
     let mut root = GroupBuilder::new().build(store.clone(), "/")?;
     let attributes = root.attributes_mut();
@@ -324,7 +324,7 @@ fn write_samples<T: Element + Copy + Sync>(
     values: &[T],
     of: DataType,
     fill: FillValue,
-) -> std::result::Result<(), Box<dyn std::error::Error>> {
+) -> std::result::Result<(), Box<dyn std::error::Error + Send + Sync>> {
     let poses = sampled.poses.len();
     let shape = [sampled.height, sampled.width, poses, 3].map(|n| n as u64);
     let chunk = [BLOCK, BLOCK, poses.max(1), 3].map(|n| n as u64);
@@ -358,7 +358,7 @@ fn write_small(
     shape: &[usize],
     dimensions: &[&str],
     values: &[f64],
-) -> std::result::Result<(), Box<dyn std::error::Error>> {
+) -> std::result::Result<(), Box<dyn std::error::Error + Send + Sync>> {
     let shape: Vec<u64> = shape.iter().map(|&n| n as u64).collect();
     let chunk: Vec<u64> = shape.iter().map(|&n| n.max(1)).collect();
     let array = ArrayBuilder::new(shape.clone(), chunk, data_type::float64(), FillValue::from(f64::NAN))

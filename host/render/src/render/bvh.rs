@@ -19,9 +19,6 @@ const LEVELS: usize = 20;
 const WAITING: usize = LEVELS * (WIDTH - 1) + 1;
 /// Boxes are left a little later, so that rounding loses no triangle.
 const WIDER: f32 = 1.0 + 4.0 * f32::EPSILON;
-/// Barycentric coordinates so far outside still count: no ray slips between two triangles.
-const MARGIN: f32 = -1e-6;
-
 /// A node: its children's boxes, lane by lane.
 #[derive(Clone, Copy)]
 struct Node {
@@ -34,12 +31,8 @@ struct Node {
 /// Four triangles, lane by lane; a lane that is not used holds a point, which no ray meets.
 #[derive(Clone, Copy)]
 struct Packet {
-    corner: [Vec4; 3],
-    /// From the second corner to the first.
-    e1: [Vec4; 3],
-    /// From the first corner to the third.
-    e2: [Vec4; 3],
-    /// e1 × e2.
+    corners: [[Vec4; 3]; 3],
+    /// (v₀ − v₁) × (v₂ − v₀).
     normal: [Vec4; 3],
     triangles: [u32; WIDTH],
     /// Whether the leaf ends here.
@@ -56,17 +49,22 @@ pub(crate) struct Bvh {
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Hit {
     pub(crate) triangle: u32,
-    /// Weights of the triangle's second and third corner, within [`MARGIN`] of 0..1.
+    /// Weights of the triangle's second and third corner, within rounding of 0..1.
     pub(crate) weights: [f32; 2],
 }
 
 /// A ray with each coordinate in all lanes.
 struct Ray {
     origin: [Vec4; 3],
+    /// By [`Self::axes`].
     direction: [Vec4; 3],
     inverse: [Vec4; 3],
     /// Index of the face by which a box is entered, by axis.
     near: [usize; 3],
+    /// The axes, that of the direction's largest coordinate last.
+    axes: [usize; 3],
+    /// What of the last axis the others lose, for the ray to run along it.
+    shear: [Vec4; 2],
 }
 
 impl Bvh {
@@ -131,9 +129,7 @@ impl Bvh {
             };
             let triangles = std::array::from_fn(|lane| four.get(lane).copied().unwrap_or_default());
             self.packets.push(Packet {
-                corner: lanes(&|t| t.v0),
-                e1: lanes(&|t| t.v0 - t.v1),
-                e2: lanes(&|t| t.v2 - t.v0),
+                corners: [lanes(&|t| t.v0), lanes(&|t| t.v1), lanes(&|t| t.v2)],
                 normal: lanes(&|t| (t.v0 - t.v1).cross(t.v2 - t.v0)),
                 triangles,
                 last: false,
@@ -267,11 +263,16 @@ impl Ray {
         // Finite, so that a face through the origin gives 0 and not NaN.
         let inverse =
             direction.to_array().map(|d| 1.0 / if d.abs() < 1e-18 { 1e-18f32.copysign(d) } else { d });
+        let longest = direction.abs().max_position();
+        let axes = [(longest + 1) % 3, (longest + 2) % 3, longest];
+        let shear = |k: usize| Vec4::splat(direction[axes[k]] / direction[longest]);
         Self {
             origin: splat(origin),
-            direction: splat(direction),
+            direction: axes.map(|axis| Vec4::splat(direction[axis])),
             inverse: inverse.map(Vec4::splat),
             near: inverse.map(|i| usize::from(i < 0.0)),
+            axes,
+            shear: [shear(0), shear(1)],
         }
     }
 
@@ -286,32 +287,34 @@ impl Ray {
         (enter.cmple(leave.min(Vec4::splat(reach))).bitmask(), enter)
     }
 
-    /// The triangles that the ray meets up to `reach`, one bit each, and where: distance, and weights of the second and the third corner.
+    /// The triangles that the ray meets before `reach`, one bit each, and where: distance, and weights of the
+    /// second and the third corner.
+    ///
+    /// Whether the ray passes inside is told by edges in the plane across it (Woop, Benthin and Wald 2013):
+    /// an edge has the same value, but for the sign, in both of its triangles, so that no ray slips between
+    /// them. The distance is that of the plane, which is exact where the plane is along two axes.
     #[inline(always)]
     fn meets(&self, packet: &Packet, reach: f32) -> (u32, Vec4, [Vec4; 2]) {
-        let to: [Vec4; 3] = std::array::from_fn(|axis| packet.corner[axis] - self.origin[axis]);
-        let turned = cross(&self.direction, &to);
-        // A ray in the triangle's plane makes these NaN or infinite, which is a miss.
-        let inverse = Vec4::ONE / dot(&packet.normal, &self.direction);
-        let u = dot(&turned, &packet.e2) * inverse;
-        let v = dot(&turned, &packet.e1) * inverse;
-        let distance = dot(&packet.normal, &to) * inverse;
-        let margin = Vec4::splat(MARGIN);
-        let inside = u.cmpge(margin) & v.cmpge(margin) & (u + v).cmple(Vec4::ONE - margin);
-        let within = distance.cmpge(Vec4::ZERO) & distance.cmple(Vec4::splat(reach));
-        ((inside & within).bitmask(), distance, [u, v])
+        let [i, j, k] = self.axes.map(|axis| axis.min(2));
+        let to = |corner: usize| [i, j, k].map(|axis| packet.corners[corner][axis] - self.origin[axis]);
+        let across = |to: [Vec4; 3]| [to[0] - self.shear[0] * to[2], to[1] - self.shear[1] * to[2]];
+        let first = to(0);
+        let [[ax, ay], [bx, by], [cx, cy]] = [first, to(1), to(2)].map(across);
+        let (u, v, w) = (cx * by - cy * bx, ax * cy - ay * cx, bx * ay - by * ax);
+        let (least, most) = (u.min(v).min(w), u.max(v).max(w));
+        let inside = least.cmpge(Vec4::ZERO) | most.cmple(Vec4::ZERO);
+        let normal = [i, j, k].map(|axis| packet.normal[axis]);
+        // A ray in the triangle's plane makes this NaN or infinite, which is a miss.
+        let distance = dot(&normal, &first) / dot(&normal, &self.direction);
+        let within = distance.cmpgt(Vec4::ZERO) & distance.cmplt(Vec4::splat(reach));
+        let inverse = Vec4::ONE / (u + v + w);
+        ((inside & within).bitmask(), distance, [v * inverse, w * inverse])
     }
 }
 
 #[inline(always)]
 fn dot(a: &[Vec4; 3], b: &[Vec4; 3]) -> Vec4 {
     a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-}
-
-#[inline(always)]
-fn cross(a: &[Vec4; 3], b: &[Vec4; 3]) -> [Vec4; 3] {
-    let part = |i: usize, j: usize| a[i] * b[j] - a[j] * b[i];
-    [part(1, 2), part(2, 0), part(0, 1)]
 }
 
 #[cfg(test)]

@@ -24,8 +24,8 @@ pub(crate) struct Geometry {
     masks: Vec<Option<(Arc<Mask>, Vec2)>>,
     /// Whether anything is.
     masked: bool,
-    /// Length by which rays are kept off the surface that they start from.
-    offset: f32,
+    /// Length by which a light's own triangles may seem nearer than they are.
+    nearer: f32,
 }
 
 /// A point of a surface seen from some direction; all vectors are on the viewer's side.
@@ -43,6 +43,9 @@ pub(crate) struct Surface {
     pub(crate) uv: Vec2,
     /// Index into the scene's objects, or beyond them a rectangular light.
     pub(crate) object: u32,
+    /// Length along the geometric normal by which the point may lie beside the plane that the tree tests rays
+    /// against.
+    pub(crate) offset: f32,
 }
 
 impl Surface {
@@ -100,7 +103,7 @@ impl Geometry {
         let mut masks: Vec<_> = scene.objects.iter().map(mask).collect();
         masks.resize_with(runs.len(), || None);
         Self {
-            offset: offset(&joined),
+            nearer: NEARER * extent(&joined),
             masked: masks.iter().any(Option::is_some),
             masks,
             vertices: joined.vertices,
@@ -171,7 +174,7 @@ impl Geometry {
 
     /// Where rays that leave a surface start.
     pub(crate) fn leaving(&self, surface: &Surface) -> Vec3 {
-        surface.shadow_origin + surface.geometric * self.offset
+        surface.shadow_origin + surface.geometric * surface.offset
     }
 
     /// The object of a hit, or beyond the scene's objects a rectangular light.
@@ -204,7 +207,8 @@ impl Geometry {
         } else {
             (direction, distance)
         };
-        let reach = distance - 3.0 * self.offset - distance.min(f32::MAX) * 1e-5;
+        let finite = distance.min(f32::MAX);
+        let reach = distance - finite * 1e-5 - self.nearer.min(finite * 1e-3);
         self.bvh.any(origin, direction, reach, |triangle, distance| {
             self.solid(triangle, || origin + direction * distance)
         })
@@ -244,8 +248,25 @@ impl Geometry {
             ),
             uv: blend.uv,
             object: self.objects[hit.triangle as usize],
+            offset: rounding([a, ab, ac], cross),
         }
     }
+}
+
+/// How far a point of a triangle, computed from its weights and lifted by this much, may be beside the plane
+/// that the tree tests rays against, at most: with the unit roundoff ε, ε Σ |n| 8 |a| for the point's
+/// coordinates, and, since the test's normal N = e₁ × e₂ is rounded too, ε Σ Â 16 (|ab| + |ac|), where Â =
+/// (|e₁| × |e₂| with all terms positive) / |N|. Twice what a triangle needs by itself, for those beside it in
+/// the same plane (as in Pharr, Jakob and Humphreys 2023, section 6.8).
+fn rounding([a, ab, ac]: [Vec3; 3], cross: Vec3) -> f32 {
+    const ROUNDOFF: f32 = f32::EPSILON / 2.0;
+    let (ab, ac, length) = (ab.abs(), ac.abs(), cross.length());
+    if length == 0.0 {
+        return 0.0;
+    }
+    let product = |i: usize, j: usize| ab[i] * ac[j] + ab[j] * ac[i];
+    let spread = Vec3::new(product(1, 2), product(2, 0), product(0, 1));
+    ROUNDOFF * (8.0 * cross.abs().dot(a.abs()) + 16.0 * spread.dot(ab + ac)) / length
 }
 
 /// The weighted sum of vertices, four numbers at a time.
@@ -256,11 +277,19 @@ fn blend(corners: [&Vertex; 3], weights: [f32; 3]) -> Vertex {
     bytemuck::cast([row(0), row(1), row(2)])
 }
 
-/// Length by which rays are kept off the surfaces of a mesh.
-pub(crate) fn offset(mesh: &Mesh) -> f32 {
+/// What of the largest coordinate a light's triangles may seem nearer by.
+const NEARER: f32 = 2e-6;
+
+/// The largest coordinate of a mesh.
+fn extent(mesh: &Mesh) -> f32 {
     let (low, high) = mesh.bounds();
     let extent = if mesh.vertices.is_empty() { 0.0 } else { low.abs().max(high.abs()).max_element() };
-    extent.max(f32::MIN_POSITIVE) * 2e-5
+    extent.max(f32::MIN_POSITIVE)
+}
+
+/// Length by which the raster's rays are kept off the surfaces of a mesh.
+pub(crate) fn offset(mesh: &Mesh) -> f32 {
+    extent(mesh) * 2e-5
 }
 
 /// The second and the third barycentric coordinate of a point of a triangle's plane.
@@ -283,6 +312,9 @@ pub(crate) fn shading_frame(normal: Vec3, tangent: Vec3, handedness: f32, view: 
     let x = flat.try_normalize().unwrap_or_else(|| z.any_orthonormal_vector());
     [x, z.cross(x) * handedness, z]
 }
+
+#[cfg(test)]
+mod leak_tests;
 
 #[cfg(test)]
 mod tests {

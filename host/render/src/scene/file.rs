@@ -15,7 +15,16 @@
 //! builtin = "studio"                    # or "sky", or file = "lobby.exr"
 //!
 //! [[object]]
-//! mesh = "drape"                        # sphere, plane, backdrop, drape, or a .gltf, .glb, .obj or .ply file
+//! mesh = "drape"                        # sphere, plane, backdrop, drape, or a .gltf, .glb, .obj, .ply or .bpt (Bézier patches) file
+//! # or a shape to a tolerance, how far triangles may be from it in units of the scene (1/2000 of its longest side when left out):
+//! # shape.sphere = { radius = 1.0, tolerance = 0.001 }
+//! # shape.torus = { radius = 1.0, tube = 0.3 }
+//! # shape.cylinder = { radius = 1.0, height = 2.0, lids = true }
+//! # shape.box = { size = [1.0, 1.0, 1.0] }
+//! # shape.lathe = { profile = [[0.0, 1.0], [1.0, 0.0]], smooth = false }  # radius, height; smooth: cubic Bézier pieces
+//! # shape.height_field = { file = "dunes.png", size = [4.0, 4.0], height = 0.5 }  # or heights = [[0.0, 0.1], [0.2, 0.0]]
+//! # shape.teapot = { bottom = true }
+//! # shape.bezier = { file = "patches.bpt" }
 //! [object.material]
 //! map = "weave.exr"                     # or published = "clay", or weave or check = ["clay", "felt"],
 //!                                       # or albedo, rho_d, beta_deg and lobes; weave.mip1.exr and so on are its MIP levels
@@ -53,6 +62,7 @@ use std::sync::Arc;
 use glam::{Affine3A, DVec3, EulerRot, Quat, Vec2, Vec3};
 use serde::Deserialize;
 
+use super::shape_file::ShapeFile;
 use super::state::Drive;
 use super::{
     Animation, Background, Camera, Environment, Filter, Light, Mask, Material, Mesh, Object, Parameter,
@@ -158,7 +168,8 @@ struct EnvironmentFile {
 #[serde(deny_unknown_fields)]
 struct ObjectFile {
     name: Option<String>,
-    mesh: String,
+    mesh: Option<String>,
+    shape: Option<ShapeFile>,
     #[serde(default)]
     translate: DVec3,
     /// Turns about x, then y, then z.
@@ -289,9 +300,11 @@ fn build(file: SceneFile, folder: &Path) -> Result<Scene> {
     let local = |point: DVec3| (point - origin).as_vec3();
     let mut objects = Vec::with_capacity(file.object.len());
     for (index, object) in file.object.iter().enumerate() {
-        let name = object.name.clone().unwrap_or_else(|| format!("{} {index}", object.mesh));
+        let kind = object.mesh.as_deref().or(object.shape.as_ref().map(ShapeFile::name));
+        let kind = kind.unwrap_or("object");
+        let name = object.name.clone().unwrap_or_else(|| format!("{kind} {index}"));
         let place = format!("object \"{name}\"");
-        let (mesh, middle) = mesh(&object.mesh, folder).map_err(|error| error.at("key mesh").at(&place))?;
+        let (mesh, middle) = geometry(object, folder).map_err(|error| error.at(&place))?;
         let material =
             material(&object.material, folder).map_err(|error| error.at("key material").at(&place))?;
         let [x, y, z] = object.rotate_deg.to_array().map(f32::to_radians);
@@ -412,6 +425,17 @@ impl Names {
     }
 }
 
+/// The triangles of an object, and what their positions are relative to.
+fn geometry(object: &ObjectFile, folder: &Path) -> Result<(Mesh, DVec3)> {
+    match (&object.mesh, &object.shape) {
+        (Some(name), None) => mesh(name, folder).map_err(|error| error.at("key mesh")),
+        (None, Some(shape)) => {
+            shape.mesh(folder, object.scale).map_err(|error| error.at(format!("key shape.{}", shape.name())))
+        }
+        _ => Err(Error::input("name exactly one of mesh and shape")),
+    }
+}
+
 /// A procedural shape by name, or a file; and what its positions are relative to.
 fn mesh(name: &str, folder: &Path) -> Result<(Mesh, DVec3)> {
     let shape = |mesh| Ok((mesh, DVec3::ZERO));
@@ -422,7 +446,7 @@ fn mesh(name: &str, folder: &Path) -> Result<(Mesh, DVec3)> {
         "drape" => shape(shapes::drape(224)),
         file if Path::new(file).extension().is_some() => Mesh::read(&folder.join(file)),
         other => Err(Error::input(format!(
-            "there is no shape \"{other}\"; use one of {} or a .gltf, .glb, .obj or .ply file",
+            "there is no shape \"{other}\"; use one of {} or a .gltf, .glb, .obj, .ply or .bpt file",
             either(&["sphere", "plane", "backdrop", "drape"])
         ))),
     }

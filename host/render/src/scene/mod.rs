@@ -3,6 +3,7 @@
 //! World axes are right-handed with +y up, as in glTF. Lengths are in any one unit; lights and meshes share it.
 
 pub mod animation;
+pub mod bezier;
 pub mod environment;
 mod environment_file;
 pub mod file;
@@ -11,6 +12,7 @@ pub mod hash;
 mod import;
 pub mod mask;
 pub mod mesh;
+mod shape_file;
 pub mod shapes;
 pub mod shipped;
 pub mod showcase;

@@ -1,5 +1,12 @@
 //! Procedural meshes with exact texture coordinates and tangent frames. All have +y up and are about one unit in size.
 
+pub mod height_field;
+#[cfg(test)]
+pub(in crate::scene) mod solid_tests;
+pub mod solids;
+pub(in crate::scene) mod tolerance;
+pub mod turned;
+
 use std::f32::consts::{FRAC_PI_2, PI, TAU};
 
 use glam::{Vec2, Vec3};

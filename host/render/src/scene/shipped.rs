@@ -1,7 +1,7 @@
 //! Small scenes that come with the program: shapes, environments and materials are computed.
 
 /// Name, what it shows, and the scene file.
-pub const SCENES: [(&str, &str, &str); 7] = [
+pub const SCENES: [(&str, &str, &str); 8] = [
     (
         "studio-ball",
         "a ball of blue paint in a studio",
@@ -36,6 +36,11 @@ pub const SCENES: [(&str, &str, &str); 7] = [
         "gallery",
         "cloths, balls and panels of twelve materials, 285,000 triangles",
         include_str!("../../../../examples/scenes/gallery.toml"),
+    ),
+    (
+        "teapot",
+        "Newell's teapot in Bézier patches on a saucer turned on a lathe",
+        include_str!("../../../../examples/scenes/teapot.toml"),
     ),
 ];
 

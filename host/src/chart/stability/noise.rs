@@ -72,7 +72,7 @@ pub(super) fn sections(seed: u64) -> Result<Vec<Section>> {
     let pool = rayon::ThreadPoolBuilder::new()
         .num_threads(1)
         .build()
-        .map_err(|error| Error::failure(format!("a thread cannot be started: {error}")))?;
+        .map_err(|error| Error::failure(format!("a thread cannot be started: {error}")).caused_by(error))?;
     let all = CASES.len() * METHODS.len() * NOISES.len() * EXPONENTS.len();
     let bar = progress::bar("noise", all as u64, "fits");
     CASES

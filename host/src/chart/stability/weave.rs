@@ -175,8 +175,8 @@ impl Weave {
         let mut rig = Size::Small.rig(seed);
         rig.carrier.texels_across = extents.texels;
         let plan = plan::make(&rig, Extent::Budget(extents.poses), false, seed)?;
-        let place =
-            tempfile::tempdir().map_err(|error| Error::failure(format!("no folder for the run: {error}")))?;
+        let place = tempfile::tempdir()
+            .map_err(|error| Error::failure(format!("no folder for the run: {error}")).caused_by(error))?;
         let folder = place.path().join("run");
         let (run, mut journal) = RunFolder::create(&folder, &plan, &rig)?;
         let mut station = simulated::station(&rig, cloth(&rig.carrier)?)?;

@@ -1,15 +1,11 @@
 //! `lobelia fit --hold-out-poses`: the error on poses that were not fitted, in the report and on the terminal.
 
-use super::{FitArgs, FitOutcome};
+use super::{Findings, FitArgs};
 use crate::error::Result;
-use crate::figures::ErrorFigure;
 use crate::fit::held_out::{HeldOut, HeldOutError};
 use crate::progress::counted;
 use crate::reflectance::SbrdfMap;
 use crate::sampled::SampledStore;
-
-/// The names of the groups of poses in the report.
-const GROUPS: [&str; 3] = ["all", "near", "far"];
 
 /// Takes the weight from the poses that are held out, if any are.
 ///
@@ -29,28 +25,11 @@ pub(super) fn judge(
     held: Option<&HeldOut>,
     store: &SampledStore,
     map: &SbrdfMap,
-    outcome: &mut FitOutcome,
+    outcome: &mut Findings,
 ) -> Result<String> {
     let Some(held) = held else { return Ok(String::new()) };
     let errors = held.errors(store, map)?;
-    for (group, error) in GROUPS.iter().zip(&errors).filter(|(_, error)| error.texels > 0) {
-        let over = format!("{} texels, samples of {} poses that were not fitted", error.texels, error.poses);
-        for (name, value) in [
-            ("held_out_relative_rms_median", error.p50),
-            ("held_out_relative_rms_p95", error.p95),
-            ("held_out_relative_rms_p99", error.p99),
-            ("held_out_relative_rms_largest", error.worst),
-        ] {
-            let mut figure = ErrorFigure::new(name, value, "1", over.clone()).with("poses", *group);
-            if name.ends_with("largest") {
-                figure = figure.with("texel", error.worst_texel.to_vec());
-            }
-            outcome.errors.push(figure);
-        }
-    }
-    outcome.figures.insert("poses_held_out".into(), held.poses.clone().into());
-    outcome.figures.insert("poses_fitted".into(), held.fitted.into());
-    outcome.figures.insert("held_out_near_deg".into(), held.near.to_degrees().into());
+    outcome.add_held_out(held, &errors);
     Ok(words(held, &errors))
 }
 

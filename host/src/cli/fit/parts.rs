@@ -3,14 +3,16 @@
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
+use super::args::{DeviceName, MethodName, ResidualName, WeightsName};
+use super::words::residuals;
 use super::{
-    DeviceName, FitArgs, FitOutcome, Lobes, MethodName, ResidualName, Tally, WeightsName, held_out, output,
-    print, sampled_options, sampled_outcome, warnings, write_levels, write_map,
+    Findings, FitArgs, Summary, Tally, held_out, output, print, texel_options, write_levels, write_map,
 };
 use crate::error::{Error, Result};
 use crate::files;
 use crate::fit::chunks::{self, Part};
 use crate::fit::held_out::HeldOut;
+use crate::fit::request::Lobes;
 use crate::fit::{FitOptions, MOST_LOBES};
 use crate::progress::counted;
 use crate::provenance::Texts;
@@ -70,8 +72,8 @@ pub(super) fn fit(
     held: Option<&HeldOut>,
     output: &Path,
     made: &Texts,
-) -> Result<FitOutcome> {
-    let mut outcome = FitOutcome::default();
+) -> Result<Findings> {
+    let mut outcome = Findings::default();
     outcome.figures.insert("part".into(), part.to_string().into());
     if output.exists() {
         chunks::is_done(output, store, options, part)?;
@@ -92,12 +94,12 @@ pub(super) fn fit(
     outcome.figures.insert("texels".into(), shard.width.into());
     outcome.figures.insert("texels_per_second".into(), (shard.width as f64 / seconds.max(1e-9)).into());
     print(&format!("{}: shard {part}, {} texels: {seconds:.1} s\n", output.display(), shard.width))?;
-    warnings::of_samples(&mut outcome, store, tally);
+    outcome.add_samples(store, tally);
     Ok(outcome)
 }
 
 /// Joins shards into a map, which says what they say of how they were made, and fits its MIP levels where they are asked for.
-pub(super) fn merge(args: &FitArgs, seed: u64) -> Result<FitOutcome> {
+pub(super) fn merge(args: &FitArgs, seed: u64) -> Result<Findings> {
     let output = output(args)?;
     if let [first, others @ ..] = args.of_no_merge().as_slice() {
         let last = others.last().map_or_else(String::new, |last| format!(" and {last}"));
@@ -108,7 +110,6 @@ pub(super) fn merge(args: &FitArgs, seed: u64) -> Result<FitOutcome> {
             "--merge joins shards as they were fitted, without {first}{middle}{last}: give that to each part (--chunks)"
         )));
     }
-    let start = Instant::now();
     let mut store = args.input.as_deref().map(SampledStore::open).transpose()?;
     let held = match (&mut store, &args.hold_out_poses) {
         (Some(store), _) => held_out::hold_out(args, store, seed)?,
@@ -123,8 +124,7 @@ pub(super) fn merge(args: &FitArgs, seed: u64) -> Result<FitOutcome> {
     let levels = match (&store, args.mip) {
         (_, false) => None,
         (Some(store), true) => {
-            let mut options = sampled_options(args)?;
-            args.weigh(&mut options, store);
+            let options = texel_options(args, Some(store))?;
             Some((store, options))
         }
         (None, true) => {
@@ -139,16 +139,15 @@ pub(super) fn merge(args: &FitArgs, seed: u64) -> Result<FitOutcome> {
     if let Some((store, options)) = &levels {
         write_levels(store, options, (output, &map, args.encoding()), (&args.made, held.as_ref()))?;
     }
-    let mut outcome = sampled_outcome(&map, start.elapsed().as_secs_f64());
-    // Joining is no fit: its rate would mislead.
-    outcome.figures.remove("texels_per_second");
+    let summary = Summary::new(&map);
+    let mut outcome = Findings::of_map(&map, &summary);
     let held_out = match &store {
         Some(store) => held_out::judge(held.as_ref(), store, &map, &mut outcome)?,
         None => String::new(),
     };
-    warnings::of_joined(&mut outcome, store.as_ref(), &map)?;
+    outcome.add_joined(store.as_ref(), &map)?;
     let (file, shards) = (output.display(), counted(args.merge.len() as u64, "shard", "shards"));
-    let residuals = outcome.residuals();
+    let residuals = residuals(&summary);
     print(&format!("{file}: {} texels of {shards}\n{residuals}{held_out}", map.width * map.height))?;
     Ok(outcome)
 }

@@ -3,16 +3,16 @@
 use std::path::Path;
 use std::time::Instant;
 
+use super::words::{albedos, residuals, ties};
 use super::{
-    DeviceName, FitArgs, FitOutcome, Tally, albedos_in_words, held_out, output, print, sampled_outcome,
-    ties_in_words, unexplained_in_words, warnings, write_map,
+    Findings, FitArgs, Summary, Tally, held_out, output, print, rate, unexplained_in_words, write_map,
 };
 use crate::edit::palette;
 use crate::error::Result;
+use crate::fit::FitOptions;
 use crate::fit::held_out::HeldOut;
 use crate::fit::pool::regions::Regions;
 use crate::fit::pool::{self, PoolOptions, RegionReport};
-use crate::fit::{Device, FitOptions};
 use crate::progress::counted;
 use crate::sampled::SampledStore;
 use crate::warning::texels;
@@ -39,27 +39,27 @@ pub(super) fn fit(
     held: Option<&HeldOut>,
     seed: u64,
     tally: &Tally,
-) -> Result<FitOutcome> {
+) -> Result<Findings> {
     let output = output(args)?;
-    let device = if args.device == DeviceName::Gpu { Device::Gpu } else { Device::Cpu };
-    let options = FitOptions { device, ..*options };
-    let rho_d = args.pool_rho_d.into();
+    let rho_d = args.rho_d();
     let pooling = PoolOptions { rho_d, most_samples: args.pool_samples, seed };
-    pool::check(&options, &pooling)?;
+    pool::check(options, &pooling)?;
     let regions = Regions::read(index, [store.width, store.height], args.pool_outside)?;
     let start = Instant::now();
-    let mut pooled = pool::fit_store_counted(store, &regions, &options, &pooling, tally)?;
+    let mut pooled = pool::fit_store_counted(store, &regions, options, &pooling, tally)?;
     let seconds = start.elapsed().as_secs_f64();
     held.iter().for_each(|held| held.note(&mut pooled.map));
     pooled.map.attributes.extend(args.made.clone());
     write_map(&pooled.map, output, args.encoding())?;
-    let mut outcome = sampled_outcome(&pooled.map, seconds);
+    let summary = Summary::new(&pooled.map);
+    let mut outcome = Findings::of_map(&pooled.map, &summary);
+    rate(&mut outcome, summary.texels, seconds);
     let outside = regions.of.iter().filter(|region| region.is_none()).count();
     outcome.figures.insert("texels_outside_regions".into(), outside.into());
     outcome.figures.insert("regions".into(), pooled.regions.iter().map(as_json).collect());
     let held_out = held_out::judge(held, store, &pooled.map, &mut outcome)?;
     outcome.warnings.extend(texels::empty_regions(&pooled.regions));
-    warnings::of_texels(&mut outcome, &pooled.map);
+    outcome.add_texels(&pooled.map);
     print(&format!(
         "{} × {} in {}, a ρ_d a {}: {seconds:.1} s\n{}{}",
         counted((regions.of.len() - outside) as u64, "texel", "texels"),
@@ -67,10 +67,10 @@ pub(super) fn fit(
         counted(pooled.regions.len() as u64, "region", "regions"),
         pooling.rho_d.name(),
         regions_in_words(&pooled.regions),
-        outcome.residuals()
+        residuals(&summary)
             + &held_out
-            + &albedos_in_words(&pooled.map)
-            + &ties_in_words(&pooled.map)
+            + &albedos(&summary)
+            + &ties(&summary)
             + &unexplained_in_words(&pooled.map)
     ))?;
     Ok(outcome)

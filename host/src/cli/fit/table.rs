@@ -4,80 +4,40 @@ use std::fmt::Write as _;
 use std::path::Path;
 use std::time::Instant;
 
-use super::{
-    AUTO_LOBES, DeviceName, FitArgs, FitOutcome, Lobes, MethodName, ModelName, WeightsName, print, write_map,
-};
+use super::{Findings, FitArgs, print, write_map};
 use crate::error::{Error, Result};
 use crate::figures::ErrorFigure;
+use crate::fit::request::TableRequest;
 use crate::fit::table::{self, Size, TableOptions, Take, WavelengthFit, judge};
-use crate::fit::{Method, Residual};
 use crate::progress::counted;
-use crate::reflectance::{MeasuredTable, Rgb, SbrdfMap};
+use crate::reflectance::MeasuredTable;
 use serde_json::json;
 
-/// Wavelengths that stand for blue, green and red, nm.
-const WAVELENGTHS_NM: [f64; 3] = [450.0, 550.0, 650.0];
-/// Most lobes beside a microfacet term that `auto` tries.
-const MOST_BESIDE: usize = 3;
-
 /// Fits the table at `input`.
-pub(super) fn fit(args: &FitArgs, input: &Path, seed: u64) -> Result<FitOutcome> {
+pub(super) fn fit(args: &FitArgs, input: &Path, seed: u64) -> Result<Findings> {
     if args.chunks.is_some() || args.mip {
         return Err(Error::input("--chunks and --mip are for sampled SBRDFs (.zarr)"));
     }
     if args.pool.is_some() || args.hold_out_poses.is_some() {
         return Err(Error::input("--pool and --hold-out-poses are for sampled SBRDFs (.zarr)"));
     }
-    if args.weights == WeightsName::Sigma {
-        return Err(Error::input(
-            "--weights sigma is for sampled SBRDFs (.zarr); tables have no noise of their own",
-        ));
-    }
-    if args.device == DeviceName::Gpu {
-        return Err(Error::input("--device gpu is for sampled SBRDFs (.zarr); tables are fitted on the CPU"));
-    }
-    if args.diffuse_percentile.is_some() || args.separate_channels {
-        return Err(Error::input(
-            "--diffuse-percentile and --separate-channels are for sampled SBRDFs (.zarr)",
-        ));
-    }
-    if args.robust {
-        return Err(Error::input("--robust is for sampled SBRDFs (.zarr)"));
-    }
-    if args.normals {
-        return Err(Error::input("--normals is for sampled SBRDFs (.zarr): tables are isotropic"));
-    }
-    let method = match args.method {
-        MethodName::LineSearch => Method::LineSearch,
-        MethodName::LineSearchScaled => Method::LineSearchScaled,
-        MethodName::Auto | MethodName::Lm => Method::Lm,
-        MethodName::Separable | MethodName::Ratio => {
-            return Err(Error::input(
-                "--method separable and ratio are for sampled SBRDFs (.zarr); tables are fitted by lm",
-            ));
-        }
-    };
+    let TableRequest { method, residual, sizes, take } = args.request().of_table()?;
     let options = TableOptions {
         method,
-        residual: args.residual(Residual::Balanced),
+        residual,
         hold_out_theta_deg: args.hold_out_theta_deg.clone(),
         random_starts: args.random_starts,
         seed,
         bound: args.bound(),
     };
-    let measured = MeasuredTable::read(input).map_err(|error| Error::input(error.to_string()))?;
-    let wavelengths_nm = match (&args.wavelengths_nm[..], &measured.wavelengths_nm[..]) {
-        ([], [only]) => vec![*only],
-        ([], _) => WAVELENGTHS_NM.to_vec(),
-        (named, _) => named.to_vec(),
+    let measured = MeasuredTable::read(input).map_err(Error::format)?;
+    let wavelengths_nm = match &args.wavelengths_nm[..] {
+        [] => table::wavelengths_nm(&measured),
+        named => named.to_vec(),
     };
     if args.output.is_some() && !matches!(wavelengths_nm.len(), 1 | 3) {
-        return Err(Error::input(format!(
-            "-o writes red, green and blue, or grey: give one or three --wavelengths-nm, not {}",
-            wavelengths_nm.len()
-        )));
+        return Err(table::no_colours(wavelengths_nm.len()));
     }
-    let (sizes, take) = sizes(args, method);
     if args.hold_out_each_pair {
         return judge_choice(&measured, &wavelengths_nm, &sizes, take, &options)
             .map_err(|error| error.at(input.display()));
@@ -88,11 +48,11 @@ pub(super) fn fit(args: &FitArgs, input: &Path, seed: u64) -> Result<FitOutcome>
     let seconds = start.elapsed().as_secs_f64();
     print(&described(&measured, &fits, &options, seconds)?)?;
     if let Some(output) = &args.output {
-        let mut map = table_map(&fits, &options);
+        let mut map = table::map(&fits, &options)?;
         map.attributes.extend(args.made.clone());
         write_map(&map, output, args.encoding())?;
     }
-    let mut outcome = FitOutcome { errors: table::figures(&fits, &options), ..FitOutcome::default() };
+    let mut outcome = Findings { errors: table::figures(&fits, &options), ..Findings::default() };
     outcome.figures.insert("rows".into(), measured.rows.len().into());
     outcome.figures.insert("coefficients".into(), coefficients(&fits));
     outcome.figures.insert("fits".into(), fits.len().into());
@@ -107,7 +67,7 @@ fn judge_choice(
     sizes: &[Size],
     take: Take,
     options: &TableOptions,
-) -> Result<FitOutcome> {
+) -> Result<Findings> {
     if take != Take::Choose || !options.hold_out_theta_deg.is_empty() {
         let message = "--hold-out-each-pair judges the choice: use it with --lobes auto and without --hold-out-theta-deg";
         return Err(Error::input(message));
@@ -119,7 +79,7 @@ fn judge_choice(
         "{pairs} pairs of incidences, each held out in turn; means of the errors on them\n\n{:>8}  {:<20} {:>12} {:>11}  {:>16}\n",
         "nm", "lobes", "held-out log", "relative", "auto as good in"
     );
-    let mut outcome = FitOutcome::default();
+    let mut outcome = Findings::default();
     for of in &judged {
         let size = of.size.map_or("auto".to_string(), |size| size.to_string());
         let share = of.size.map_or(String::new(), |_| format!("{:.0} %", 100.0 * of.choice_as_good));
@@ -146,7 +106,7 @@ fn described(
 ) -> Result<String> {
     let mut text = String::new();
     write_description(&mut text, measured, fits, options, seconds)
-        .map_err(|error| Error::failure(error.to_string()))?;
+        .map_err(|error| Error::failure(error.to_string()).caused_by(error))?;
     Ok(text)
 }
 
@@ -266,56 +226,4 @@ fn coefficients(fits: &[WavelengthFit]) -> serde_json::Value {
             "rho_d_sigma": sigma.map(|sigma| sigma.rho_d), "lobes": lobes, "ggx": coat })
     };
     fits.iter().filter(|fit| fit.chosen).map(of).collect()
-}
-
-/// The sizes to compare and which to take.
-fn sizes(args: &FitArgs, method: Method) -> (Vec<Size>, Take) {
-    let alone = |lobes: usize| Size { lobes, sharpening: false, microfacet: false };
-    let with = |lobes: usize| Size { lobes, sharpening: false, microfacet: true };
-    let most = if method.line_search().is_some() { 1 } else { AUTO_LOBES };
-    match args.lobes {
-        Lobes::Auto(limit) if method == Method::Lm => {
-            let mut sizes = Vec::new();
-            if args.model != Some(ModelName::Ggx) {
-                sizes.extend((0..=limit).map(alone));
-            }
-            if args.model != Some(ModelName::Lobes) {
-                sizes.extend((0..=limit.min(MOST_BESIDE)).map(with));
-            }
-            if args.sharpening {
-                let sharpening = |size: &Size| (size.lobes > 0).then_some(Size { sharpening: true, ..*size });
-                sizes.extend(sizes.iter().filter_map(sharpening).collect::<Vec<_>>());
-            }
-            (sizes, Take::Choose)
-        }
-        _ => {
-            let wanted = args.lobes();
-            let size = if args.model == Some(ModelName::Ggx) { with } else { alone };
-            let size = |lobes: usize| Size { sharpening: args.sharpening && lobes > 0, ..size(lobes) };
-            ((0..=most.max(wanted)).map(size).collect(), Take::Size(size(wanted)))
-        }
-    }
-}
-
-/// A map of one texel: the longest wavelength as red, the shortest as blue, or a single one as grey.
-fn table_map(fits: &[WavelengthFit], options: &TableOptions) -> SbrdfMap {
-    let mut channels: Vec<&WavelengthFit> = fits.iter().filter(|fit| fit.chosen).collect();
-    channels.sort_by(|a, b| b.wavelength_nm.total_cmp(&a.wavelength_nm));
-    let brdf = match channels[..] {
-        [red, green, blue] => table::brdf([red, green, blue]),
-        _ => table::coloured(&channels[0].model, Rgb::ONE),
-    };
-    let mut map = SbrdfMap::from_texels(1, 1, &[brdf]);
-    let join = |text: fn(&WavelengthFit) -> String| -> String {
-        channels.iter().map(|&fit| text(fit)).collect::<Vec<_>>().join(",")
-    };
-    for (key, value) in [
-        ("fit.method", options.method.name().to_string()),
-        ("fit.residual", options.residual.name().to_string()),
-        ("fit.wavelengths_nm", join(|fit| fit.wavelength_nm.to_string())),
-        ("fit.lobes", join(|fit| fit.size.to_string())),
-    ] {
-        map.attributes.insert(key.into(), value);
-    }
-    map
 }

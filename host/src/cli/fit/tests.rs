@@ -1,8 +1,9 @@
 //! Options of `lobelia fit`, and what it says and writes.
 
 use super::*;
+use crate::figures::ErrorFigure;
 use crate::sampled::SampledSbrdf;
-use crate::warning::Kind;
+use crate::warning::{Kind, Warning};
 use clap::Parser;
 use std::fmt::Write as _;
 
@@ -16,7 +17,7 @@ fn parsed(arguments: &[&str]) -> FitArgs {
     Command::try_parse_from(std::iter::once(&"fit").chain(arguments)).unwrap().args
 }
 
-fn run_on(text: &str, arguments: &[&str]) -> (tempfile::TempDir, Result<FitOutcome>) {
+fn run_on(text: &str, arguments: &[&str]) -> (tempfile::TempDir, Result<Findings>) {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("paint.brdf");
     std::fs::write(&path, text).unwrap();
@@ -394,7 +395,7 @@ fn held_out_poses_are_told_the_same_for_a_fit_at_once_and_in_parts() {
         (&at_once.figures["poses_fitted"], at_once.figures["poses_held_out"][1].as_u64()),
         (&32.into(), Some(5))
     );
-    let named = |outcome: &FitOutcome| -> Vec<ErrorFigure> {
+    let named = |outcome: &Findings| -> Vec<ErrorFigure> {
         outcome.errors.iter().filter(|error| error.name.starts_with("held_out")).cloned().collect()
     };
     let groups = named(&at_once);
@@ -411,4 +412,29 @@ fn held_out_poses_are_told_the_same_for_a_fit_at_once_and_in_parts() {
     assert!(fit_input(&parsed(&arguments), 1).unwrap_err().to_string().contains("name the sampled SBRDF"));
     let error = run(&["--hold-out-poses", "list:40", "-o", &path("other.exr")]).unwrap_err();
     assert!(error.exit_code() == 2 && error.to_string().contains("pose 40 is not there"), "{error}");
+}
+
+#[test]
+fn the_command_and_the_library_decide_alike_and_make_the_same_map() {
+    let folder = tempfile::tempdir().unwrap();
+    let (noisy, _) = store_and_index(folder.path());
+    let plain = folder.path().join("plain.zarr");
+    let mut sampled = SampledSbrdf::read_zarr(Path::new(&noisy)).unwrap();
+    // Without standard deviations the weights are others.
+    assert!(sampled.sigma.take().is_some());
+    sampled.write_zarr(&plain).unwrap();
+    for (store, weights) in [(Path::new(&noisy), "sigma"), (&plain, "pose")] {
+        let output = folder.path().join("m.exr");
+        fit_input(&parsed(&[store.to_str().unwrap(), "-o", output.to_str().unwrap()]), 1).unwrap();
+        let store = SampledStore::open(store).unwrap();
+        let map = crate::fit::request::Request::default().fit(&store).unwrap();
+        assert_eq!(map.attributes["fit.weights"], weights);
+        assert!(map == SbrdfMap::read_exr(&output).unwrap());
+    }
+    let (table, output) = (folder.path().join("paint.brdf"), folder.path().join("paint.exr"));
+    std::fs::write(&table, table_text()).unwrap();
+    fit_input(&parsed(&[table.to_str().unwrap(), "-o", output.to_str().unwrap()]), 1).unwrap();
+    let table = crate::reflectance::MeasuredTable::read(&table).unwrap();
+    let map = crate::fit::request::Request::default().fit_table(&table).unwrap();
+    assert!(map == SbrdfMap::read_exr(&output).unwrap());
 }

@@ -11,7 +11,7 @@ use crate::report::Report;
 
 fn rig(line: &str) -> Result<Report> {
     let words = ["lobelia", "rig"].into_iter().chain(line.split_whitespace());
-    let cli = Cli::try_parse_from(words).map_err(|error| Error::input(error.to_string()))?;
+    let cli = Cli::try_parse_from(words).map_err(Error::format)?;
     let Command::Rig(args) = cli.command else { unreachable!("the words begin with `rig`") };
     let mut context =
         Context { seed: 1, given_seed: None, quiet: true, verbose: false, report: Report::new("rig", 1) };
@@ -132,22 +132,8 @@ fn a_trace_that_is_torn_or_of_another_protocol_is_bad_input_that_names_its_line(
 }
 
 #[test]
-fn parameters_that_the_controller_has_otherwise_are_named_with_both_values() {
-    let ours = RigConfig::default().configuration().unwrap();
-    let mut theirs = ours;
-    theirs.axes[1].max_speed = 7;
-    theirs.settings.lease_ms = 1;
-    let expected = [
-        "differs: tilt max_speed is 7 steps/s in the controller, 4651 here",
-        "differs: lease is 1 ms in the controller, 2000 here",
-    ];
-    assert_eq!(look::differences(&ours, &theirs), expected);
-    assert!(look::differences(&ours, &ours).is_empty());
-}
-
-#[test]
 fn parameters_are_a_table_with_a_column_an_axis() {
-    let table = look::table(&RigConfig::default()).unwrap();
+    let table = crate::rig::parameters::table(&RigConfig::default().configuration().unwrap());
     let row = table.lines().find(|line| line.starts_with("max_speed")).unwrap();
     let cells: Vec<_> = row.split_whitespace().collect();
     assert_eq!(cells, ["max_speed", "steps/s", "4651", "4651", "4651", "12500"]);

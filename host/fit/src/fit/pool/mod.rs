@@ -20,7 +20,7 @@ use super::samples::{self, Sample};
 use super::separable;
 use super::texel::TexelFit;
 use super::weights::Weights;
-use super::{Device, Diffuse, FitOptions, Method, chunks, has_samples, map_of};
+use super::{Device, Diffuse, FitOptions, Method, chunks, has_samples, planes};
 use lobelia_base::error::{Error, Result};
 use lobelia_base::progress;
 use lobelia_reflectance::SbrdfMap;
@@ -357,7 +357,7 @@ fn texel_map(
         }
         // A row of texels in the block's order.
         let row = SampledSbrdf::empty(window.texels(), 1, source.texel_mm, Vec::new());
-        let mut map = map_of(&row, options, &found);
+        let mut map = planes::map_of(&row, options, &found);
         map.extra.insert("region".into(), numbers);
         bar.advance(window.texels() as u64);
         Ok((map, totals))

@@ -1,9 +1,9 @@
 //! No light is made where no pose looked: the directional albedo of a model is at most a limit, at every incidence and in every channel.
 //!
 //! Given the shapes, an albedo is linear in the amplitudes, so that the amplitudes under the bound are a small quadratic programme
-//! ([`quadratic`]); the shapes are then searched as without it, with amplitudes that move along the albedos that press
+//! (`quadratic`); the shapes are then searched as without it, with amplitudes that move along the albedos that press
 //! against the limit. Where none presses all is as without the bound. What this leaves to lobes of which the samples do not tell the shape, a
-//! glare in directions that no pose saw, [`Solver::wild`](super::solver::Solver::wild) limits.
+//! glare in directions that no pose saw, `wild` limits.
 
 use std::sync::LazyLock;
 

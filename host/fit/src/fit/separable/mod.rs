@@ -40,3 +40,4 @@ pub mod task;
 mod tests;
 pub mod texel;
 pub mod uncertainty;
+mod wild;

@@ -17,7 +17,6 @@ use super::form::Form;
 use super::layout::{Family, Layout, MOST_LOBES, UNKNOWNS, WIDTH};
 use super::normal::{self, Amplitudes, Most, Normal, Pressing};
 use super::shape;
-use super::uncertainty;
 
 /// Limits of lobes above the surface, over the largest value that was measured.
 pub type Tame = [f64; MOST_LOBES];
@@ -25,8 +24,6 @@ pub type Tame = [f64; MOST_LOBES];
 pub const WILD: Tame = [f64::INFINITY; MOST_LOBES];
 /// Limit of a lobe that only fits noise.
 pub const UNTOLD: f64 = 1.0;
-/// Limit of a lobe that is told from noise, but hardly its shape: what it makes of grazing directions may be so much more than what was seen.
-const VAGUE: f64 = 30.0;
 
 /// The solver with its buffers; one a thread.
 #[derive(Debug, Clone)]
@@ -163,32 +160,6 @@ impl Solver {
         if self.tamed != limits {
             (self.tamed, self.last) = (limits, None);
         }
-    }
-
-    /// Limits for the lobes of a model that was evaluated last of which the samples do not tell the shape and which exceed them where no pose looked;
-    /// none where no lobe does. Lobes that were `chosen` for what they predict do not only fit noise.
-    pub fn wild(&self, task: (Family, bool), chosen: bool, model: &Model, at: &Amplitudes) -> Option<Tame> {
-        let layout = self.layout(task.0, task.1, model);
-        let exceeds = |index: usize, limit: f64| {
-            let growth = MOST_OVER_SEEN * model.lobes[index].growth();
-            (0..layout.channels)
-                .any(|channel| at.x[channel][1 + index] * growth > limit * self.data.most[channel])
-        };
-        let loud = |index: &usize| exceeds(*index, 1.0 + 1e-9);
-        if !(0..model.lobes.len()).any(|index| loud(&index)) {
-            return None;
-        }
-        let told = uncertainty::told(self, layout, at);
-        let sigma = uncertainty::sigma(self, task.0, task.1, model, at);
-        let mut limits = WILD;
-        for index in (0..model.lobes.len()).filter(loud) {
-            if !told[index] && !chosen {
-                limits[index] = UNTOLD;
-            } else if sigma.lobes[index].n >= EXPONENTS[1] && exceeds(index, VAGUE) {
-                limits[index] = VAGUE;
-            }
-        }
-        (limits != WILD).then_some(limits)
     }
 
     /// Holds all amplitudes from here on to a bound, or frees them.

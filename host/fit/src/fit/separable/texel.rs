@@ -22,6 +22,7 @@ use super::solver::{Solver, UNTOLD, WILD};
 use super::start;
 use super::task::{Effort, Task};
 use super::uncertainty::{self, Sigma};
+use super::wild;
 use lobelia_reflectance::sampled::SampledSbrdf;
 use lobelia_reflectance::{LobeBrdf, Microfacet, Rgb};
 
@@ -336,7 +337,7 @@ impl Workspace {
         let Self { solver, bank, search, trail, .. } = self;
         let of = (task.family, task.diffuse);
         let at = solver.evaluate(of.0, of.1, model);
-        let wild = solver.wild(of, task.choose, model, &at)?;
+        let wild = wild::limits(solver, of, task.choose, model, &at)?;
         let mut level = model.clone();
         for (lobe, _) in level.lobes.iter_mut().zip(wild).filter(|(_, limit)| limit.is_finite()) {
             let side = if lobe.c.x < 0.0 { -1.0 } else { 1.0 };
@@ -348,7 +349,7 @@ impl Workspace {
         let below = model.lobes.len().checked_sub(2).and_then(|place| own?.get(place));
         if let Some(below) = below.filter(|_| plain) {
             let at = solver.evaluate(of.0, of.1, &below.model);
-            let mut limits = solver.wild(of, task.choose, &below.model, &at).unwrap_or(WILD);
+            let mut limits = wild::limits(solver, of, task.choose, &below.model, &at).unwrap_or(WILD);
             limits[below.model.lobes.len()] = UNTOLD;
             solver.tame(limits);
             starts.extend(search.one_more(solver, bank, task, &below.model).map(|model| (model, limits)));

@@ -3,7 +3,7 @@
 
 use std::ops::RangeInclusive;
 
-use lobelia_protocol::{EXPOSURE_US, Pins};
+use lobelia_protocol::{EXPOSURE_US, LAMP_LONGEST_S, Pins};
 
 use super::{AXIS_NAMES, Axis, Driver, End, RigConfig, wiring};
 use lobelia_base::error::{Error, Result};
@@ -65,8 +65,9 @@ impl RigConfig {
 
     /// No number of the file, wherever it stands, is NaN or infinite.
     fn numbers_are_finite(&self) -> Result<()> {
-        let file = toml::Value::try_from(self)
-            .map_err(|error| Error::input(format!("the rig's file cannot be read back: {error}")))?;
+        let file = toml::Value::try_from(self).map_err(|error| {
+            Error::input(format!("the rig's file cannot be read back: {error}")).caused_by(error)
+        })?;
         match not_finite(&file, String::new()) {
             Some(key) => Err(refused(&key, "is not a finite number")),
             None => Ok(()),
@@ -85,7 +86,7 @@ impl RigConfig {
             ("lamp.lease_s", lamp.lease_s, 0.0..=1e6),
             ("lamp.safe_level", lamp.safe_level, 0.0..=1.0),
             ("camera.ready_wait_s", camera.ready_wait_s, 0.0..=65.0),
-            ("lamp.longest_s", lamp.longest_s, 1.0..=4e9),
+            ("lamp.longest_s", lamp.longest_s, lamp_s()),
             ("lamp.fan_run_on_s", lamp.fan_run_on_s, 0.0..=65535.0),
             ("motion.lease_s", self.motion.lease_s, 0.0..=1e6),
             ("motion.pulse_us", self.motion.pulse_us.into(), 1.0..=100.0),
@@ -175,6 +176,11 @@ impl RigConfig {
 /// Exposures that the controller makes, s.
 pub fn exposures_s() -> RangeInclusive<f64> {
     f64::from(*EXPOSURE_US.start()) / 1e6..=f64::from(*EXPOSURE_US.end()) / 1e6
+}
+
+/// How long a lamp may burn at a stretch, s.
+fn lamp_s() -> RangeInclusive<f64> {
+    f64::from(*LAMP_LONGEST_S.start())..=f64::from(*LAMP_LONGEST_S.end())
 }
 
 /// A refusal that names the key.

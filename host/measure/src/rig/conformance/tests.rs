@@ -119,6 +119,8 @@ struct Hands {
     rig: SimulatedRig,
     acts: Vec<bring_up::Act>,
     broken: Option<bring_up::Act>,
+    /// Whether the cut-out in the coil's circuit is open, of which the controller knows nothing.
+    cut_out: bool,
 }
 
 impl bring_up::Operator for Hands {
@@ -133,12 +135,22 @@ impl bring_up::Operator for Hands {
             Act::ReleaseStop => self.rig.release_emergency_stop(),
             Act::UnplugSwitch(axis) => self.rig.set_home_switch_wire(axis, true),
             Act::PlugSwitch(axis) => self.rig.set_home_switch_wire(axis, false),
+            Act::RaiseAlarm(axis) => self.rig.set_driver_alarm(axis, true),
+            Act::LowerAlarm(axis) => self.rig.set_driver_alarm(axis, false),
+            Act::UnplugThermostat => self.rig.set_over_temperature(true),
+            Act::PlugThermostat => self.rig.set_over_temperature(false),
+            Act::UnplugCutOut => self.cut_out = true,
+            Act::PlugCutOut => self.cut_out = false,
+            Act::SeesDarkInReset => {
+                self.rig.reset_controller();
+                return Ok(self.rig.lamp_level() == 0.0);
+            }
             Act::SeesLight => {
                 // Nobody looks and answers within the lamp's lease.
                 self.rig.abandon_until_us(self.rig.now_us() + 20_000_000);
                 return Ok(self.rig.lamp_level() > 0.0);
             }
-            Act::SeesDark => return Ok(self.rig.lamp_level() == 0.0),
+            Act::SeesDark => return Ok(self.rig.lamp_level() == 0.0 || self.cut_out),
             _ => {}
         }
         Ok(true)
@@ -148,17 +160,34 @@ impl bring_up::Operator for Hands {
 #[test]
 fn first_hour_goes_through_with_a_good_rig_and_ends_at_what_the_controller_does_not_see() {
     use bring_up::Act;
-    use lobelia_protocol::Axis;
-    let configuration = MechanicsConfig::ideal().configuration();
+    use lobelia_protocol::{Alarm, Axis};
+    let mut configuration = MechanicsConfig::ideal().configuration();
+    configuration.axes[1].alarm = Alarm::Level;
     let walk = |broken| {
         let rig = rig();
-        let mut hands = Hands { rig: rig.clone(), acts: Vec::new(), broken };
+        let mut hands = Hands { rig: rig.clone(), acts: Vec::new(), broken, cut_out: false };
         let outcome = bring_up::run(Box::new(rig.link()), &configuration, &mut hands);
         (outcome.map_err(|error| error.to_string()), hands.acts)
     };
     let (outcome, acts) = walk(None);
     assert_eq!((outcome, acts.last()), (Ok(()), Some(&Act::SeesPulses)));
-    let (outcome, acts) = walk(Some(Act::UnplugSwitch(Axis::Roll)));
-    assert!(outcome.unwrap_err().contains("switch"));
-    assert_eq!(acts.last(), Some(&Act::UnplugSwitch(Axis::Roll)));
+    let alarms = acts.iter().filter(|act| matches!(act, Act::RaiseAlarm(_)));
+    assert_eq!(alarms.collect::<Vec<_>>(), [&Act::RaiseAlarm(Axis::Tilt)], "those that are wired");
+    // Each way by which the lamp must go out was tried while it burnt.
+    for out in [Act::PressStop, Act::UnplugThermostat, Act::UnplugCutOut] {
+        let at = acts.iter().rposition(|act| *act == out).unwrap();
+        let lit = acts[..at].iter().rposition(|act| *act == Act::SeesLight).unwrap();
+        assert!(!acts[lit..at].contains(&Act::SeesDark), "{out:?}: {acts:?}");
+        assert_eq!(acts[at + 1], Act::SeesDark, "{out:?}");
+    }
+    for (broken, word, last) in [
+        (Act::UnplugSwitch(Axis::Roll), "switch", Act::UnplugSwitch(Axis::Roll)),
+        (Act::RaiseAlarm(Axis::Tilt), "alarm", Act::RaiseAlarm(Axis::Tilt)),
+        (Act::UnplugThermostat, "thermostat", Act::UnplugThermostat),
+        (Act::UnplugCutOut, "cut-out", Act::SeesDark),
+    ] {
+        let (outcome, acts) = walk(Some(broken));
+        assert!(outcome.unwrap_err().contains(word), "{broken:?}");
+        assert_eq!(acts.last(), Some(&last), "{broken:?}");
+    }
 }

@@ -45,6 +45,7 @@ fn approximation(light: &Light, brdf: &LobeBrdf, view: Vec3) -> Rgb {
         frame: [Vec3::X, Vec3::NEG_Z, Vec3::Y],
         uv: glam::Vec2::ZERO,
         object: 0,
+        offset: 0.0,
     };
     let mut shader = Shader::new();
     shader.aim(&materials, 0, surface.to_local(view), false);

@@ -1,4 +1,4 @@
-//! Meshes from glTF 2.0, Wavefront OBJ and PLY files.
+//! Meshes from glTF 2.0, Wavefront OBJ and PLY files, and patches.
 
 mod gltf_accessor;
 mod gltf_file;
@@ -12,12 +12,13 @@ use std::path::{Path, PathBuf};
 
 use glam::DVec3;
 
+use super::bezier::Patches;
 use super::mesh::Mesh;
 use lobelia_base::error::{Error, Result};
 use lobelia_base::progress;
 
 impl Mesh {
-    /// Reads every triangle of a `.gltf`, `.glb`, `.obj` or `.ply` file into one mesh, and what its positions are relative to: 0, or the
+    /// Reads every triangle of a `.gltf`, `.glb`, `.obj` or `.ply` file, or the patches of a `.bpt` file, into one mesh, and what its positions are relative to: 0, or the
     /// middle of a mesh whose coordinates are too large for single precision.
     ///
     /// # Errors
@@ -28,7 +29,11 @@ impl Mesh {
             "gltf" | "glb" => gltf_file::read(path)?,
             "obj" => obj_file::read(path)?,
             "ply" => ply_file::read(path)?,
-            _ => return Err(Error::reading(path, "a mesh is a .gltf, .glb, .obj or .ply file")),
+            "bpt" => {
+                let patches = Patches::read(path)?;
+                return patches.mesh(patches.usual_tolerance()).map_err(|error| error.at(path.display()));
+            }
+            _ => return Err(Error::reading(path, "a mesh is a .gltf, .glb, .obj, .ply or .bpt file")),
         };
         Self::from_raw(raw).map_err(|error| error.at(path.display()))
     }
