@@ -110,18 +110,13 @@ pub(super) fn cannot_draw(scene: &Scene) -> Vec<&'static str> {
     all.into_iter().filter(|(is, _)| *is).map(|(_, what)| what).collect()
 }
 
-/// Settings that trade time for error.
+/// The settings given, weighed: others would be baked, or sampled, for a chart of their own.
 pub(super) fn variants(scene: &Scene, base: &Settings) -> Vec<Variant> {
     if !cannot_draw(scene).is_empty() {
         return Vec::new();
     }
-    let of = |epsilon: f64| Variant {
-        series: "incident",
-        name: format!("ε {epsilon}"),
-        weighed: epsilon == base.epsilon,
-        renderer: Box::new(Settings { epsilon, ..*base }),
-    };
-    [5.0, 1.0, 0.2].map(|part| of(base.epsilon * part)).into()
+    let name = format!("degree {}, ε {}", base.degree, base.epsilon);
+    vec![Variant { series: "incident", name, weighed: true, renderer: Box::new(*base) }]
 }
 
 impl Renderer for Settings {

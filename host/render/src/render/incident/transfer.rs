@@ -225,7 +225,7 @@ mod tests {
         }
     }
 
-    /// Under a large sheet nothing is left; before an endless wall half of the cosine, whose irradiance is π/2.
+    /// The middle of a sheet within a ball; the foot of an endless wall, where half of the cosine, π/2, is left.
     #[test]
     fn an_enclosed_vertex_sees_nothing_and_one_at_the_foot_of_a_wall_half() {
         let (receivers, transfers) =
