@@ -6,6 +6,7 @@ mod device;
 pub mod environment;
 mod filtering;
 pub mod fit;
+pub mod incident;
 pub mod interpolation;
 pub mod lights;
 #[cfg(feature = "sim")]

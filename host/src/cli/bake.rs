@@ -4,6 +4,7 @@ use std::path::PathBuf;
 
 use super::Context;
 use super::environment::EnvironmentArgs;
+use super::incident::IncidentArgs;
 use super::methods::{self, MethodArg};
 use crate::chart::Table;
 use crate::error::{Error, Result};
@@ -40,6 +41,8 @@ pub(super) struct BakeArgs {
     estimate: bool,
     #[command(flatten)]
     environment: EnvironmentArgs,
+    #[command(flatten)]
+    incident: IncidentArgs,
 }
 
 /// Runs `lobelia bake`.
@@ -67,7 +70,8 @@ pub(super) fn run(args: &BakeArgs, context: &mut Context) -> Result<()> {
     let scene = context.report.stage("load", || Scene::open(name))?;
     method.check(&scene)?;
     let environment = args.environment.settings(Some(method), None, context.seed)?;
-    let renderer = (method.renderer)(&Settings { environment, ..Settings::default() });
+    let incident = args.incident.settings(Some(method), None, context.seed)?;
+    let renderer = (method.renderer)(&Settings { environment, incident, ..Settings::default() });
     let task = Task { folder: output, chunk: args.chunks, estimate_only: args.estimate };
     let mut told = String::new();
     let outcome = bake::bake(renderer.as_ref(), &scene, task, |estimate| {

@@ -51,6 +51,15 @@ enum What {
         #[arg(long, default_value_t = 128, value_parser = clap::value_parser!(u32).range(16..=4096))]
         width: u32,
     },
+    /// Samples of incident radiance near lights, and their error, by the ways to place them
+    Incident {
+        /// Scenes, files or shipped ones
+        #[arg(default_value = "panels")]
+        scenes: Vec<PathBuf>,
+        /// Degree of the spherical harmonics; the source's is 3
+        #[arg(long, default_value_t = 3, value_parser = clap::value_parser!(u32).range(1..=8))]
+        degree: u32,
+    },
     /// Frames per second of `lights` by lobes, lights, pixels, filter and storage; needs a GPU
     Lights {
         /// The scene, a file or a shipped one; its materials and lights are replaced
@@ -106,6 +115,11 @@ pub(super) fn run(args: &ChartArgs, context: &mut Context) -> Result<()> {
             };
             let named = names.iter().map(open).collect::<Result<Vec<_>>>()?;
             context.report.stage("chart", || chart::environment::chart(&named, *map_error, *width, seed))?
+        }
+        What::Incident { scenes, degree } => {
+            let named = |name: &PathBuf| Ok((name.display().to_string(), Scene::open(name)?));
+            let scenes = scenes.iter().map(named).collect::<Result<Vec<_>>>()?;
+            context.report.stage("chart", || chart::incident::chart(&scenes, *degree))?
         }
         What::Lights { scene, frames } => {
             let scene = Scene::open(scene)?;

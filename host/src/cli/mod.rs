@@ -25,6 +25,7 @@ mod develop;
 mod edit;
 mod environment;
 mod fit;
+mod incident;
 mod methods;
 mod paths;
 mod plan;

@@ -5,6 +5,7 @@ use std::time::Instant;
 
 use super::Context;
 use super::environment::EnvironmentArgs;
+use super::incident::IncidentArgs;
 use super::methods::{self, MethodArg, options};
 use super::paths::PathArgs;
 use crate::chart::Table;
@@ -25,7 +26,7 @@ use crate::scene::{Scene, State};
 #[derive(Debug, clap::Args)]
 pub(super) struct RenderArgs {
     /// The scene: a .toml file, or one that is shipped: studio-ball, sky-drape, lamps, window, metal-row, gallery,
-    /// teapot, glass-mirror, lanterns
+    /// teapot, glass-mirror, lanterns, panels
     pub(super) scene: PathBuf,
     /// Where the picture goes: .exr is linear, .png is tone-mapped. May be given more than once. A name with # (frame-##.png)
     /// takes every frame of the scene's animation
@@ -38,7 +39,7 @@ pub(super) struct RenderArgs {
     #[arg(long, value_name = "DIR")]
     pub(super) baked: Option<PathBuf>,
     /// Samples a pixel: of the reference [default: 64, or as many as --seconds and --max-error need], of lights at edges [default: 4,
-    /// or the most below that the GPU can], of environment [default: 16]
+    /// or the most below that the GPU can], of environment and incident [default: 16]
     #[arg(long, value_parser = clap::value_parser!(u32).range(1..=1_048_576))]
     pub(super) samples: Option<u32>,
     /// Seconds that the reference may take for a view at most, reading and preparing the scene aside; every pixel gets a sample at least
@@ -76,6 +77,8 @@ pub(super) struct RenderArgs {
     pub(super) lights: LightsArgs,
     #[command(flatten)]
     pub(super) environment: EnvironmentArgs,
+    #[command(flatten)]
+    pub(super) incident: IncidentArgs,
 }
 
 /// What only `--method lights` takes.
@@ -332,6 +335,7 @@ fn render_scene(args: &RenderArgs, seed: u64) -> Result<RenderOutcome> {
         reference: args.settings(seed),
         lights: args.lights()?,
         environment: args.environment.settings(args.method.0, args.samples, seed)?,
+        incident: args.incident.settings(args.method.0, args.samples, seed)?,
     };
     let start = Instant::now();
     let mut scene = Scene::open(&args.scene)?;
@@ -472,6 +476,7 @@ mod tests {
             paths: PathArgs::default(),
             lights: LightsArgs::default(),
             environment: EnvironmentArgs::default(),
+            incident: IncidentArgs::default(),
             width: Some(32),
             height: None,
         }

@@ -162,8 +162,31 @@ impl Geometry {
 
     /// The nearest triangle along a ray of unit direction.
     pub(crate) fn nearest(&self, origin: Vec3, direction: Vec3) -> Option<Hit> {
+        self.nearest_at(origin, direction).map(|(hit, _)| hit)
+    }
+
+    /// The same with its distance.
+    pub(crate) fn nearest_at(&self, origin: Vec3, direction: Vec3) -> Option<(Hit, f32)> {
         let solid = |triangle, distance| self.solid(triangle, || origin + direction * distance);
-        self.bvh.nearest(origin, direction, solid).map(|(hit, _)| hit)
+        self.bvh.nearest(origin, direction, solid)
+    }
+
+    /// Whether a ray of unit direction meets anything.
+    pub(crate) fn meets(&self, origin: Vec3, direction: Vec3) -> bool {
+        self.bvh.any(origin, direction, f32::INFINITY, |triangle, distance| {
+            self.solid(triangle, || origin + direction * distance)
+        })
+    }
+
+    /// Length by which rays that start from vertices are kept off their surfaces.
+    pub(crate) fn offset(&self) -> f32 {
+        self.nearer * (OFF / NEARER)
+    }
+
+    /// The vertices of the triangle that was hit, those of all objects counted in order, with their weights.
+    pub(crate) fn blend_of(&self, hit: &Hit) -> ([u32; 3], [f32; 3]) {
+        let [wb, wc] = hit.weights.map(|weight| weight.clamp(0.0, 1.0));
+        (self.triangles[hit.triangle as usize], [(1.0 - wb - wc).max(0.0), wb, wc])
     }
 
     /// Where rays that leave a surface start.
@@ -279,6 +302,9 @@ fn blend(corners: [&Vertex; 3], weights: [f32; 3]) -> Vertex {
 /// What of the largest coordinate a light's triangles may seem nearer by.
 const NEARER: f32 = 2e-6;
 
+/// What of it rays are kept off surfaces by where rounding is not followed point by point.
+const OFF: f32 = 2e-5;
+
 /// The largest coordinate of a mesh.
 fn extent(mesh: &Mesh) -> f32 {
     let (low, high) = mesh.bounds();
@@ -288,7 +314,7 @@ fn extent(mesh: &Mesh) -> f32 {
 
 /// Length by which the raster's rays are kept off the surfaces of a mesh.
 pub(crate) fn offset(mesh: &Mesh) -> f32 {
-    extent(mesh) * 2e-5
+    extent(mesh) * OFF
 }
 
 /// The second and the third barycentric coordinate of a point of a triangle's plane.

@@ -1,6 +1,6 @@
 //! The table of methods. A new one is a folder here and a row of [`METHODS`].
 
-use super::{Renderer, environment, lights, reference};
+use super::{Renderer, environment, incident, lights, reference};
 use crate::scene::{Scene, Varies};
 use lobelia_base::error::{Error, Result};
 
@@ -13,6 +13,8 @@ pub struct Settings {
     pub lights: lights::Settings,
     /// Those of prefiltered environments.
     pub environment: environment::Settings,
+    /// Those of near lights by samples of incident radiance.
+    pub incident: incident::Settings,
 }
 
 /// One of a method's settings that trade time for error.
@@ -58,7 +60,7 @@ impl PartialEq for Method {
 pub static REFERENCE: &Method = &METHODS[0];
 
 /// All methods.
-pub static METHODS: [Method; 3] = [
+pub static METHODS: [Method; 4] = [
     Method {
         name: "reference",
         summary: "Path tracer on the CPU",
@@ -88,6 +90,16 @@ pub static METHODS: [Method; 3] = [
         bakes: true,
         renderer: |settings| Box::new(settings.environment),
         variants: |scene, settings| environment::variants(scene, &settings.environment),
+    },
+    Method {
+        name: "incident",
+        summary: "Near lights by samples of incident radiance and baked transfer, on the CPU",
+        draws: "diffuse light of rectangular lights beside the objects, or of an environment, with soft shadows",
+        varies: Varies { objects: false, ..Varies::ALL },
+        cannot_draw: incident::cannot_draw,
+        bakes: true,
+        renderer: |settings| Box::new(settings.incident),
+        variants: |scene, settings| incident::variants(scene, &settings.incident),
     },
 ];
 
@@ -133,7 +145,8 @@ mod tests {
     #[test]
     fn a_scene_that_a_method_cannot_draw_is_refused_by_what_it_is_and_others_are_named() {
         let mut scene = crate::scene::showcase::published(8, 6);
-        METHODS.iter().for_each(|method| method.check(&scene).unwrap());
+        let others = METHODS.iter().filter(|method| method.name != "incident");
+        others.for_each(|method| method.check(&scene).unwrap());
         scene.lights.clear();
         let error = Method::find("lights").unwrap().check(&scene).unwrap_err();
         let expected = "`lights` does not draw a scene that its environment alone lights; use --method reference or \

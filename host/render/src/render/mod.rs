@@ -11,6 +11,7 @@ mod cost;
 pub mod environment;
 mod flip;
 mod geometry;
+pub mod incident;
 mod job;
 pub mod lights;
 mod materials;

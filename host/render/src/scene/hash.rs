@@ -46,6 +46,20 @@ pub fn materials(scene: &Scene) -> String {
     hash.finish()
 }
 
+/// What is cut out of objects, with the repeats of its texture.
+pub fn masks(scene: &Scene) -> String {
+    let mut hash = Hasher::default();
+    for material in scene.objects.iter().map(|object| &object.material) {
+        let Some(mask) = &material.mask else {
+            hash.update(b"none");
+            continue;
+        };
+        hash.update(format!("{} {} {:?}", mask.width, mask.height, material.tiling).as_bytes());
+        hash.update(bytemuck::cast_slice(&mask.bits));
+    }
+    hash.finish()
+}
+
 /// Lights as they stand.
 pub fn lights(lights: &[Light]) -> String {
     sha256(format!("{lights:?}").as_bytes())

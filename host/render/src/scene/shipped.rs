@@ -1,7 +1,7 @@
 //! Small scenes that come with the program: shapes, environments and materials are computed.
 
 /// Name, what it shows, and the scene file.
-pub const SCENES: [(&str, &str, &str); 9] = [
+pub const SCENES: [(&str, &str, &str); 10] = [
     (
         "studio-ball",
         "a ball of blue paint in a studio",
@@ -21,6 +21,11 @@ pub const SCENES: [(&str, &str, &str); 9] = [
         "window",
         "balls in a coloured room, lit by a rectangular window and by its walls",
         include_str!("../../../../examples/scenes/window.toml"),
+    ),
+    (
+        "panels",
+        "a cloth and a ball between coloured panels close by, some of which hide others",
+        include_str!("../../../../examples/scenes/panels.toml"),
     ),
     (
         "metal-row",

@@ -15,7 +15,7 @@ mod horizon;
 mod prefilter;
 pub mod quadrature;
 mod raster;
-mod source;
+pub(super) mod source;
 mod spectrum;
 #[cfg(test)]
 mod tests;

@@ -28,17 +28,17 @@ impl Cap {
 }
 
 /// An environment as points of light on a grid of equal angles.
-pub(super) struct Source {
+pub(crate) struct Source {
     pub(super) width: usize,
     pub(super) height: usize,
     /// Directions and radiance times solid angle, row by row.
-    pub(super) points: Vec<(Vec3, Rgb)>,
+    pub(crate) points: Vec<(Vec3, Rgb)>,
 }
 
 impl Source {
     /// Points at most `spacing` apart where the environment can be gathered, finer than its pixels where it must be: between
     /// them its radiance is bilinear. A point stands at the centroid of the light that it gathers.
-    pub(super) fn new(environment: &Environment, spacing: f32) -> Self {
+    pub(crate) fn new(environment: &Environment, spacing: f32) -> Self {
         let pixel = PI / environment.height as f32;
         let parts = (pixel / spacing).ceil().max(1.0) as usize;
         let group = ((spacing / pixel) as usize).max(1);
