@@ -1,5 +1,6 @@
-//! What follows from the Gram matrix of the columns: amplitudes in closed form, and the normal equations of the shapes with the
-//! amplitudes projected out (Kaufman's approximation of the Jacobian of variable projection).
+//! What follows from the Gram matrix of the columns: amplitudes in closed form, and the normal equations of
+//! the shapes with the amplitudes projected out (Kaufman's approximation of the Jacobian of variable
+//! projection).
 
 use super::super::linear;
 use super::columns::Gram;
