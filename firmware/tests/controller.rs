@@ -10,8 +10,8 @@ use lobelia_protocol::{
 };
 use proptest::prelude::*;
 
-/// Where the motor is when the axis is truly at a position: the switch opens one step above the last closed one, and that
-/// step is −1000.
+/// Where the motor is when the axis is truly at a position: the switch opens one step above the last closed
+/// one, and that step is −1000.
 fn with_coordination(coordinated: bool) -> Configuration {
     let configuration = configuration();
     Configuration { settings: Settings { coordinated, ..configuration.settings }, ..configuration }
@@ -425,8 +425,9 @@ proptest! {
     }
 }
 
-/// Speed, acceleration and jerk at the emitted step times, which are whole µs; runs in one direction are told apart. The n-th
-/// divided difference times n! is a mean of the n-th derivative; steps 40 apart leave little of the rounding.
+/// Speed, acceleration and jerk at the emitted step times, which are whole µs; runs in one direction are told
+/// apart. The n-th divided difference times n! is a mean of the n-th derivative; steps 40 apart leave little
+/// of the rounding.
 fn check_limits(steps: &[(u64, bool)], p: &AxisParameters) -> Result<(), TestCaseError> {
     for run in steps.chunk_by(|a, b| a.1 == b.1) {
         for pair in run.windows(2) {

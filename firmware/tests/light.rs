@@ -199,7 +199,8 @@ fn fan_runs_while_the_lamp_burns_and_for_its_time_after_that() {
     assert_eq!((rig.bench.borrow().fan, rig.bench.borrow().now_us), (false, out_us + 300_000_000));
 }
 
-/// A lit rig whose board has a timer for the shutter and a converter that reads by itself, and whose lamp's dimmer shows.
+/// A lit rig whose board has a timer for the shutter and a converter that reads by itself, and whose lamp's
+/// dimmer shows.
 fn equipped() -> Rig {
     let rig = Rig::with_options(|options| options.timed_shutter = Some(Box::leak(Box::new(ShutterTimer))));
     rig.bench.borrow_mut().devices.reads_by_itself = true;

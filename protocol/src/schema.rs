@@ -1,7 +1,8 @@
 //! The schema's identity: what two programs compare before one lets the other move anything.
 //!
-//! The identity is a hash of [`TEXT`], which describes the messages as postcard writes them: fields in order, variants
-//! by number. A test pins the bytes of a sample of each message beside the identity, so neither can change alone.
+//! The identity is a hash of [`TEXT`], which describes the messages as postcard writes them: fields in order,
+//! variants by number. A test pins the bytes of a sample of each message beside the identity, so neither can
+//! change alone.
 
 /// Version for people; raise it with every change of [`TEXT`].
 pub const VERSION: u32 = 6;

@@ -1,4 +1,5 @@
-//! Lines keep to the columns that rustfmt keeps code to: comments and strings, which it leaves as they are, and code in macros.
+//! Lines keep to the columns that rustfmt keeps code to: comments and strings, which it leaves as they are,
+//! and code in macros.
 
 use std::path::{Path, PathBuf};
 use std::process::Command;

@@ -1,7 +1,8 @@
-//! The anisotropic Phong model of Ashikhmin and Shirley (2000), a test BRDF of two of the sources: with the half vector h,
+//! The anisotropic Phong model of Ashikhmin and Shirley (2000), a test BRDF of two of the sources: with the
+//! half vector h,
 //!
-//! f_s = √((n_u + 1)(n_v + 1)) / 8π · (n·h)^((n_u h_x² + n_v h_y²) / (1 − h_z²)) · F(ω·h) / ((h·ω) max(cosθ_i, cosθ_o)),
-//! f_d = 28 R_d / 23π (1 − R_s)(1 − (1 − cosθ_i / 2)⁵)(1 − (1 − cosθ_o / 2)⁵),
+//! f_s = √((n_u + 1)(n_v + 1)) / 8π · (n·h)^((n_u h_x² + n_v h_y²) / (1 − h_z²)) · F(ω·h) / ((h·ω)
+//! max(cosθ_i, cosθ_o)), f_d = 28 R_d / 23π (1 − R_s)(1 − (1 − cosθ_i / 2)⁵)(1 − (1 − cosθ_o / 2)⁵),
 //!
 //! and Schlick's F from R_s on.
 
@@ -60,7 +61,8 @@ impl AshikhminShirley {
         self.peak(half) / (4.0 * TAU * half.dot(self.turned(wo)).max(1e-6))
     }
 
-    /// An incident direction drawn by the distribution of half vectors, from two numbers in 0..1. It can lie below the surface.
+    /// An incident direction drawn by the distribution of half vectors, from two numbers in 0..1. It can lie
+    /// below the surface.
     pub fn sample(&self, wo: Vec3, [r, s]: [f32; 2]) -> Vec3 {
         let Vec2 { x: n_u, y: n_v } = self.exponents;
         let quadrant = (4.0 * r).floor().clamp(0.0, 3.0);

@@ -1,11 +1,13 @@
-//! Fresnel's equations for unpolarised light at smooth interfaces: dielectrics, with total reflection, and conductors.
+//! Fresnel's equations for unpolarised light at smooth interfaces: dielectrics, with total reflection, and
+//! conductors.
 
 use glam::Vec3;
 
 use crate::Rgb;
 
-/// Reflectance of a smooth dielectric and the cosine of the refracted direction, 0 in total reflection; `cosine` is that of the
-/// angle of incidence, `ratio` the index of refraction beyond over that on the side of incidence.
+/// Reflectance of a smooth dielectric and the cosine of the refracted direction, 0 in total reflection;
+/// `cosine` is that of the angle of incidence, `ratio` the index of refraction beyond over that on the side
+/// of incidence.
 pub fn dielectric(cosine: f32, ratio: f32) -> (f32, f32) {
     let cosine = cosine.clamp(0.0, 1.0);
     let square = 1.0 - (1.0 - cosine * cosine) / (ratio * ratio);
@@ -20,12 +22,14 @@ pub fn dielectric(cosine: f32, ratio: f32) -> (f32, f32) {
     (if reflectance.is_nan() { 0.0 } else { reflectance }, beyond)
 }
 
-/// The direction into which `wo` is refracted, both in the frame of a surface with z on the side of `wo`, away from the point.
+/// The direction into which `wo` is refracted, both in the frame of a surface with z on the side of `wo`,
+/// away from the point.
 pub fn refracted(wo: Vec3, ratio: f32, cosine_beyond: f32) -> Vec3 {
     Vec3::new(-wo.x / ratio, -wo.y / ratio, -cosine_beyond)
 }
 
-/// Reflectance of a smooth conductor of index `n` + i `k`, each channel of its own, both over the index on the side of incidence.
+/// Reflectance of a smooth conductor of index `n` + i `k`, each channel of its own, both over the index on
+/// the side of incidence.
 pub fn conductor(cosine: f32, n: Rgb, k: Rgb) -> Rgb {
     let cosine = cosine.clamp(0.0, 1.0);
     let channel = |n: f32, k: f32| {

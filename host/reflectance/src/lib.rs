@@ -1,9 +1,9 @@
-//! The vocabulary of reflectance that the host and the simulator share: lobes, a microfacet term, SBRDF maps, measured
-//! tables, colour, sampled SBRDFs and pictures.
+//! The vocabulary of reflectance that the host and the simulator share: lobes, a microfacet term, SBRDF maps,
+//! measured tables, colour, sampled SBRDFs and pictures.
 //!
-//! Directions are unit vectors in the sample's local frame (x, y the principal directions of anisotropy or the texture
-//! axes, z the outward normal): `wi` points toward the light, `wo` toward the viewer. Reflectance is in sr⁻¹ and never
-//! includes a cosine.
+//! Directions are unit vectors in the sample's local frame (x, y the principal directions of anisotropy or
+//! the texture axes, z the outward normal): `wi` points toward the light, `wo` toward the viewer. Reflectance
+//! is in sr⁻¹ and never includes a cosine.
 //!
 //! ```
 //! use glam::Vec3;

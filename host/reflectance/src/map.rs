@@ -8,8 +8,8 @@ use glam::{Vec2, Vec3};
 
 use crate::{FormatError, Lobe, LobeBrdf, MapEncoding, Microfacet, Rgb, map_exr};
 
-/// The attribute of a map with the solid angle, sr, of the lamp that its mirror term (`mirror.*`, f cosθ_i) was measured with: their
-/// product is ρ_m of L_r = ρ_m L_i.
+/// The attribute of a map with the solid angle, sr, of the lamp that its mirror term (`mirror.*`, f cosθ_i)
+/// was measured with: their product is ρ_m of L_r = ρ_m L_i.
 pub const MIRROR_SOLID_ANGLE: &str = "mirror.solid_angle_sr";
 
 /// The coefficients of one lobe at every texel.

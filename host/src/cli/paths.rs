@@ -13,12 +13,12 @@ use crate::scene::Scene;
 #[derive(Debug, Default, clap::Args)]
 #[command(next_help_heading = "Options of --method reference")]
 pub(super) struct PathArgs {
-    /// Surfaces of glass in a row, from the first on, at which both the reflected and the refracted ray are followed; beyond these one by
-    /// chance [default: 2]
+    /// Surfaces of glass in a row, from the first on, at which both the reflected and the refracted ray are
+    /// followed; beyond these one by chance [default: 2]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(0..=16))]
     tree: Option<u32>,
-    /// Writes what makes up each pixel: direct, indirect, diffuse, specular, by bounce, by object with its mask, and depth, normal, texture
-    /// coordinates and object of its middle; with --samples, 64 if not given
+    /// Writes what makes up each pixel: direct, indirect, diffuse, specular, by bounce, by object with its
+    /// mask, and depth, normal, texture coordinates and object of its middle; with --samples, 64 if not given
     #[arg(long, value_name = "FILE.exr")]
     layers: Option<PathBuf>,
 }

@@ -25,32 +25,36 @@ use crate::scene::{Scene, State};
 /// Render a scene of SBRDF materials.
 #[derive(Debug, clap::Args)]
 pub(super) struct RenderArgs {
-    /// The scene: a .toml file, or one that is shipped: studio-ball, sky-drape, lamps, window, metal-row, gallery,
-    /// teapot, glass-mirror, lanterns, panels
+    /// The scene: a .toml file, or one that is shipped: studio-ball, sky-drape, lamps, window, metal-row,
+    /// gallery, teapot, glass-mirror, lanterns, panels
     pub(super) scene: PathBuf,
-    /// Where the picture goes: .exr is linear, .png is tone-mapped. May be given more than once. A name with # (frame-##.png)
-    /// takes every frame of the scene's animation
+    /// Where the picture goes: .exr is linear, .png is tone-mapped. May be given more than once. A name
+    /// with # (frame-##.png) takes every frame of the scene's animation
     #[arg(short, long = "output", required = true)]
     pub(super) output: Vec<PathBuf>,
     /// How to render
     #[arg(long, default_value = "auto", value_parser = methods::or_auto())]
     pub(super) method: MethodArg,
-    /// A folder of `lobelia bake`, of this scene and of these settings; `auto` without --max-error takes the method that it is for
+    /// A folder of `lobelia bake`, of this scene and of these settings; `auto` without --max-error takes the
+    /// method that it is for
     #[arg(long, value_name = "DIR")]
     pub(super) baked: Option<PathBuf>,
-    /// Samples a pixel: of the reference [default: 64, or as many as --seconds and --max-error need], of lights at edges [default: 4,
-    /// or the most below that the GPU can], of environment and incident [default: 16]
+    /// Samples a pixel: of the reference [default: 64, or as many as --seconds and --max-error need], of
+    /// lights at edges [default: 4, or the most below that the GPU can], of environment and incident
+    /// [default: 16]
     #[arg(long, value_parser = clap::value_parser!(u32).range(1..=1_048_576))]
     pub(super) samples: Option<u32>,
-    /// Seconds that the reference may take for a view at most, reading and preparing the scene aside; every pixel gets a sample at least
+    /// Seconds that the reference may take for a view at most, reading and preparing the scene aside; every
+    /// pixel gets a sample at least
     #[arg(long)]
     pub(super) seconds: Option<f64>,
-    /// Relative RMSE that the picture may have, 0.01 for 1 %: `auto` measures every method on a small view, takes the cheapest
-    /// that meets it and judges its picture by the reference; `reference` stops by its pixels' variance
+    /// Relative RMSE that the picture may have, 0.01 for 1 %: `auto` measures every method on a small view,
+    /// takes the cheapest that meets it and judges its picture by the reference; `reference` stops by its
+    /// pixels' variance
     #[arg(long, value_name = "E")]
     pub(super) max_error: Option<f64>,
-    /// Frames that what is prepared will be used for: with --max-error `auto` takes the cheapest by the whole, baking included
-    /// [default: those of the animation]
+    /// Frames that what is prepared will be used for: with --max-error `auto` takes the cheapest by the
+    /// whole, baking included [default: those of the animation]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
     pub(super) frames: Option<u32>,
     /// Times that the light, or an object, changes between them [default: as in the animation]
@@ -88,7 +92,8 @@ pub(super) struct LightsArgs {
     /// What a pixel takes of a texture that is smaller than it should be [default: shaded]
     #[arg(long, value_parser = options(&Filtering::ALL, Filtering::option))]
     filter: Option<Filtering>,
-    /// Samples of a texture along an axis of the pixel at most; along the longer one with MIP levels [default: 16]
+    /// Samples of a texture along an axis of the pixel at most; along the longer one with MIP levels
+    /// [default: 16]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=256))]
     anisotropy: Option<u32>,
     /// How coefficients are stored on the GPU [default: f32]
@@ -312,7 +317,8 @@ pub(super) fn outcomes(tried: &[Tried]) -> Table {
 /// Reads the scene, renders it, writes every picture.
 ///
 /// # Errors
-/// Input errors for the scene and for names of pictures; failures of the GPU (unless `--method auto`) and of the disk.
+/// Input errors for the scene and for names of pictures; failures of the GPU (unless `--method auto`) and of
+/// the disk.
 fn render_scene(args: &RenderArgs, seed: u64) -> Result<RenderOutcome> {
     for path in &args.output {
         if render::picture_kind(path).is_none() {
@@ -403,7 +409,8 @@ fn render_scene(args: &RenderArgs, seed: u64) -> Result<RenderOutcome> {
     Ok(RenderOutcome { stages, method, note, tried, rendering: last, errors, written })
 }
 
-/// The states to render, each with its pictures: the scene's own, or those of the animation when names have a `#`.
+/// The states to render, each with its pictures: the scene's own, or those of the animation when names have a
+/// `#`.
 ///
 /// # Errors
 /// Input errors for names with `#` beside others, or without an animation.
@@ -456,9 +463,9 @@ mod tests {
 
     fn args(folder: &std::path::Path, method: &str, outputs: &[&str]) -> RenderArgs {
         let scene = folder.join("scene.toml");
-        let text = "[camera]\nposition = [0, 1, 4]\ntarget = [0, 0, 0]\nfov_deg = 40\nwidth = 64\nheight = 48\n\
-            [[object]]\nmesh = \"sphere\"\nmaterial.published = \"clay\"\n\
-            [[light]]\nkind = \"directional\"\ntoward = [1, 1, 1]\nirradiance = [3, 3, 3]\n";
+        let text = "[camera]\nposition = [0, 1, 4]\ntarget = [0, 0, 0]\nfov_deg = 40\nwidth = 64\nheight = \
+             48\n[[object]]\nmesh = \"sphere\"\nmaterial.published = \"clay\"\n[[light]]\nkind = \
+             \"directional\"\ntoward = [1, 1, 1]\nirradiance = [3, 3, 3]\n";
         std::fs::write(&scene, text).unwrap();
         RenderArgs {
             scene,

@@ -22,8 +22,8 @@ pub(crate) struct Bracket {
     pub value: f64,
 }
 
-/// A bracket in the valley into which a first step from `start` leads: downhill with growing steps until the function rises again or the
-/// range ends.
+/// A bracket in the valley into which a first step from `start` leads: downhill with growing steps until the
+/// function rises again or the range ends.
 pub(crate) fn downhill(
     mut f: impl FnMut(f64) -> f64,
     start: f64,

@@ -9,8 +9,8 @@ use obvhs::triangle::Triangle;
 use super::bvh::{Bvh, Hit};
 use crate::scene::{Light, Mask, Mesh, Object, Scene, Vertex, shapes};
 
-/// The least cosine between the shading normal and the view: a normal that points away from the viewer is bent to it,
-/// else the rims of smooth meshes turn black.
+/// The least cosine between the shading normal and the view: a normal that points away from the viewer is
+/// bent to it, else the rims of smooth meshes turn black.
 pub(crate) const LEAST_COSINE: f32 = 0.01;
 
 /// All triangles of a scene.
@@ -325,8 +325,8 @@ fn barycentric([a, b, c]: [Vec3; 3], point: Vec3) -> [f32; 2] {
     [to.cross(ac).dot(cross) / area, ab.cross(to).dot(cross) / area]
 }
 
-/// The sample's axes from interpolated vectors: normal (on the viewer's side), tangent, and the sign of y. The shader in
-/// shaders/lights.wgsl does the same.
+/// The sample's axes from interpolated vectors: normal (on the viewer's side), tangent, and the sign of y.
+/// The shader in shaders/lights.wgsl does the same.
 pub(crate) fn shading_frame(normal: Vec3, tangent: Vec3, handedness: f32, view: Vec3) -> [Vec3; 3] {
     let mut z = normal.normalize_or(view);
     let cosine = z.dot(view);

@@ -1,4 +1,5 @@
-//! A scene's materials packed for evaluation: black lobes dropped, β multiplied into C, one layout for CPU and shader.
+//! A scene's materials packed for evaluation: black lobes dropped, β multiplied into C, one layout for CPU
+//! and shader.
 
 use std::collections::HashMap;
 
@@ -154,7 +155,8 @@ impl Materials {
         });
     }
 
-    /// The texels around texture coordinates with their weights; four entries, or one of weight 1 and three of 0.
+    /// The texels around texture coordinates with their weights; four entries, or one of weight 1 and three
+    /// of 0.
     #[cfg(test)]
     pub(crate) fn neighbours(&self, object: u32, uv: Vec2) -> [(u32, f32); 4] {
         let material = &self.materials[object as usize];
@@ -168,8 +170,8 @@ impl Materials {
         (material.width * material.height == 1).then_some(material.first)
     }
 
-    /// One of the neighbours, chosen with its weight as probability by two numbers in 0..1: the mean of evaluated
-    /// reflectance over such choices is the blend of the four.
+    /// One of the neighbours, chosen with its weight as probability by two numbers in 0..1: the mean of
+    /// evaluated reflectance over such choices is the blend of the four.
     pub(crate) fn choose(&self, object: u32, uv: Vec2, [r, s]: [f32; 2]) -> u32 {
         let material = &self.materials[object as usize];
         let (mut x, mut y) = texel_coordinates(material, uv);
@@ -203,8 +205,8 @@ impl Materials {
 }
 
 impl PackedMaterial {
-    /// The texels around a place in a level, in texels of that level, with their weights; four entries, or one of weight 1 and
-    /// three of 0.
+    /// The texels around a place in a level, in texels of that level, with their weights; four entries, or
+    /// one of weight 1 and three of 0.
     pub(crate) fn around(&self, level: u32, x: f32, y: f32) -> [(u32, f32); 4] {
         if self.bilinear == 0 {
             let texel = self.index(level, x.floor() as i64, y.floor() as i64);
@@ -255,7 +257,8 @@ pub(crate) struct Aimed {
     pub(crate) peak: Vec3,
     /// Exponent, of a lobe that sharpens that at its peak.
     pub(crate) n: f32,
-    /// Its exponent for light along the horizon, and by how much it is larger for light along the normal (6.19).
+    /// Its exponent for light along the horizon, and by how much it is larger for light along the normal
+    /// (6.19).
     exponents: [f32; 2],
     /// ρ_s, sr⁻¹.
     pub(crate) rho_s: Rgb,
@@ -306,8 +309,8 @@ impl Shader {
         }
     }
 
-    /// Takes a texel and an exitant direction (in the sample's frame, above the surface); with `sampling`, prepares
-    /// [`Self::density`].
+    /// Takes a texel and an exitant direction (in the sample's frame, above the surface); with `sampling`,
+    /// prepares [`Self::density`].
     pub(crate) fn aim(&mut self, materials: &Materials, texel: u32, wo: Vec3, sampling: bool) {
         self.aim_lobes(materials.rho_d(texel), materials.lobes_of(texel), wo);
         self.add_coats(materials, texel);
@@ -454,8 +457,8 @@ impl Shader {
     }
 }
 
-/// About the mean cosine over a lobe above the horizon, by the cosine of its peak: that of the peak, or of a half lobe at the
-/// horizon, and falling as the lobe does where the peak is below.
+/// About the mean cosine over a lobe above the horizon, by the cosine of its peak: that of the peak, or of a
+/// half lobe at the horizon, and falling as the lobe does where the peak is below.
 fn gathered(cosine: f32, n: f32) -> f32 {
     let half = 0.4 / (n + 1.0).sqrt();
     if cosine >= 0.0 {

@@ -1,4 +1,5 @@
-//! Scene files: TOML that names meshes, materials, lights, the environment and the camera. Paths are relative to the file.
+//! Scene files: TOML that names meshes, materials, lights, the environment and the camera. Paths are relative
+//! to the file.
 //!
 //! ```toml
 //! exposure = 1.0
@@ -222,7 +223,8 @@ impl Scene {
     pub fn read(path: &Path) -> Result<Self> {
         if let Some(what) = files::what_is(path) {
             return Err(Error::input(format!(
-                "{}: {what}, not a scene; a scene is a .toml file that names it (lobelia template scene prints one)",
+                "{}: {what}, not a scene; a scene is a .toml file that names it (lobelia template scene \
+                 prints one)",
                 path.display()
             )));
         }
@@ -304,8 +306,8 @@ fn build(file: SceneFile, folder: &Path) -> Result<Scene> {
     Ok(scene)
 }
 
-/// What the scene's coordinates are made relative to: the camera's target where it lies so far from 0 that single precision would
-/// blur what the camera sees, else 0.
+/// What the scene's coordinates are made relative to: the camera's target where it lies so far from 0 that
+/// single precision would blur what the camera sees, else 0.
 fn origin(position: DVec3, target: DVec3) -> DVec3 {
     /// Distance from 0, in distances from camera to target, up to which coordinates stay.
     const FAR: f64 = 64.0;
@@ -496,15 +498,14 @@ mod tests {
     #[test]
     fn a_scene_of_every_kind_of_entry_is_read() {
         let scene = read(&format!(
-            "background = \"#ffffff\"\nexposure = 2\n{CAMERA}\
-            [environment]\nbuiltin = \"studio\"\nrotation_deg = 90\n\
-            [[object]]\nmesh = \"sphere\"\ntranslate = [1, 0, 0]\nscale = [2, 2, 2]\nmaterial.published = \"clay\"\n\
-            [[object]]\nmesh = \"plane\"\n[object.material]\nalbedo = [0.5, 0.5, 0.5]\n\
-            lobes = [{{ rho_s = [0.1, 0.1, 0.1], c = [-1, -1, 1], n = 20 }}]\n\
-            [[light]]\nkind = \"directional\"\ntoward = [0, 2, 0]\nirradiance = [1, 1, 1]\n\
-            [[light]]\nkind = \"point\"\nposition = [0, 2, 0]\nintensity = [1, 1, 1]\n\
-            [[light]]\nkind = \"rectangle\"\ncentre = [0, 2, 0]\nedges = [[1, 0, 0], [0, 0, 1]]\n\
-            radiance = [1, 1, 1]\n"
+            "background = \"#ffffff\"\nexposure = 2\n{CAMERA}[environment]\nbuiltin = \
+             \"studio\"\nrotation_deg = 90\n[[object]]\nmesh = \"sphere\"\ntranslate = [1, 0, 0]\nscale = \
+             [2, 2, 2]\nmaterial.published = \"clay\"\n[[object]]\nmesh = \
+             \"plane\"\n[object.material]\nalbedo = [0.5, 0.5, 0.5]\nlobes = [{{ rho_s = [0.1, 0.1, 0.1], c \
+             = [-1, -1, 1], n = 20 }}]\n[[light]]\nkind = \"directional\"\ntoward = [0, 2, 0]\nirradiance = \
+             [1, 1, 1]\n[[light]]\nkind = \"point\"\nposition = [0, 2, 0]\nintensity = [1, 1, \
+             1]\n[[light]]\nkind = \"rectangle\"\ncentre = [0, 2, 0]\nedges = [[1, 0, 0], [0, 0, \
+             1]]\nradiance = [1, 1, 1]\n"
         ))
         .unwrap();
         assert_eq!((scene.objects.len(), scene.lights.len()), (2, 3));
@@ -528,13 +529,15 @@ mod tests {
             ("[[light]]\nkind = \"spot\"\n", vec!["light 0", "spot", "directional"]),
             ("[[light]]\nkind = \"point\"\ntoward = [0, 1, 0]\n", vec!["light 0", "position and intensity"]),
             (
-                "[[light]]\nkind = \"rectangle\"\ncentre = [0, 1, 0]\nedges = [[1, 0, 0], [1, 1, 0]]\nradiance = [1, 1, 1]\n",
+                "[[light]]\nkind = \"rectangle\"\ncentre = [0, 1, 0]\nedges = [[1, 0, 0], [1, 1, \
+                 0]]\nradiance = [1, 1, 1]\n",
                 vec!["light 0", "perpendicular"],
             ),
             ("[environment]\nbuiltin = \"cave\"\n", vec!["environment", "cave", "sky"]),
             ("[environment]\nrotation = 3\n", vec!["line 8", "unknown key `rotation`", "`rotation_deg`"]),
             (
-                "[[object]]\nmesh = \"plane\"\nmaterial.lobes = [{ rho_s = [1, 1, 1], c = [-1, -1, 1], n = -2 }]\n",
+                "[[object]]\nmesh = \"plane\"\nmaterial.lobes = [{ rho_s = [1, 1, 1], c = [-1, -1, 1], n = \
+                 -2 }]\n",
                 vec!["plane 0", "lobe0.n is -2"],
             ),
         ] {
@@ -637,14 +640,14 @@ mod tests {
     #[test]
     fn an_animation_varies_all_that_a_state_holds_by_name_or_number() {
         let text = format!(
-            "{CAMERA}[environment]\nbuiltin = \"studio\"\n\
-            [[object]]\nname = \"ball\"\nmesh = \"sphere\"\nmaterial.published = \"clay\"\n\
-            [[light]]\nname = \"lamp\"\nkind = \"point\"\nposition = [0, 2, 0]\nintensity = [1, 1, 1]\n\
-            [[light]]\nkind = \"directional\"\ntoward = [0, 1, 0]\nirradiance = [1, 1, 1]\n\
-            [[parameter]]\nname = \"hour\"\nrange = [8, 20]\nlight.lamp = {{ dim = 0 }}\n\
-            [animation]\nframes = 3\n[[animation.key]]\n\
-            [[animation.key]]\nenvironment_turn_deg = 90\nlight.lamp = {{ move = [1, 0, 0] }}\n\
-            light.1 = {{ turn_deg = [90, 0, 0], dim = 0.5 }}\nobject.ball.move = [0, 3, 0]\nparameter.hour = 20\n"
+            "{CAMERA}[environment]\nbuiltin = \"studio\"\n[[object]]\nname = \"ball\"\nmesh = \
+             \"sphere\"\nmaterial.published = \"clay\"\n[[light]]\nname = \"lamp\"\nkind = \
+             \"point\"\nposition = [0, 2, 0]\nintensity = [1, 1, 1]\n[[light]]\nkind = \
+             \"directional\"\ntoward = [0, 1, 0]\nirradiance = [1, 1, 1]\n[[parameter]]\nname = \
+             \"hour\"\nrange = [8, 20]\nlight.lamp = {{ dim = 0 }}\n[animation]\nframes = \
+             3\n[[animation.key]]\n[[animation.key]]\nenvironment_turn_deg = 90\nlight.lamp = {{ move = [1, \
+             0, 0] }}\nlight.1 = {{ turn_deg = [90, 0, 0], dim = 0.5 }}\nobject.ball.move = [0, 3, \
+             0]\nparameter.hour = 20\n"
         );
         let scene = read(&text).unwrap();
         let frames = scene.frames();

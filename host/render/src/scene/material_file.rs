@@ -93,7 +93,8 @@ struct DielectricFile {
     priority: i32,
 }
 
-/// The MIP levels that lie beside a map, which must be its own: those of an earlier map of that name would show from afar alone.
+/// The MIP levels that lie beside a map, which must be its own: those of an earlier map of that name would
+/// show from afar alone.
 fn levels_of(
     finest: &Path,
     map: &SbrdfMap,
@@ -136,8 +137,9 @@ impl MaterialFile {
             0 if alone => {}
             _ => {
                 return Err(Error::input(
-                    "name exactly one of map, published, weave, check, phong, ashikhmin, conductor, dielectric, \
-                     or coefficients (albedo or rho_d, beta_deg, lobes); mirror and emission may stand alone",
+                    "name exactly one of map, published, weave, check, phong, ashikhmin, conductor, \
+                     dielectric, or coefficients (albedo or rho_d, beta_deg, lobes); mirror and emission may \
+                     stand alone",
                 ));
             }
         }
@@ -303,8 +305,8 @@ mod tests {
         }
         let optics = |map: &SbrdfMap| {
             map.write_exr(&folder.path().join("m.exr")).unwrap();
-            let scene = "[camera]\nposition = [0, 0, 4]\ntarget = [0, 0, 0]\nfov_deg = 40\nwidth = 8\nheight = 6\n\
-                [[object]]\nmesh = \"sphere\"\nmaterial.map = \"m.exr\"\n";
+            let scene = "[camera]\nposition = [0, 0, 4]\ntarget = [0, 0, 0]\nfov_deg = 40\nwidth = 8\nheight \
+                 = 6\n[[object]]\nmesh = \"sphere\"\nmaterial.map = \"m.exr\"\n";
             std::fs::write(folder.path().join("s.toml"), scene).unwrap();
             Scene::read(&folder.path().join("s.toml")).unwrap().objects.remove(0).material.optics
         };

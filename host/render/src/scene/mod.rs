@@ -1,6 +1,8 @@
-//! Scenes: meshes that wear SBRDF materials, lights, an environment and a camera, built in memory or read from TOML.
+//! Scenes: meshes that wear SBRDF materials, lights, an environment and a camera, built in memory or read
+//! from TOML.
 //!
-//! World axes are right-handed with +y up, as in glTF. Lengths are in any one unit; lights and meshes share it.
+//! World axes are right-handed with +y up, as in glTF. Lengths are in any one unit; lights and meshes share
+//! it.
 
 pub mod animation;
 pub mod bezier;
@@ -79,8 +81,8 @@ pub struct Material {
     pub tiling: Vec2,
     /// How texels are combined.
     pub filter: Filter,
-    /// MIP levels of a map from the first on, each fitted to the reflectance averaged over its texels, sized as
-    /// [`lobelia_reflectance::mip::size`] says; empty where there are none.
+    /// MIP levels of a map from the first on, each fitted to the reflectance averaged over its texels, sized
+    /// as [`lobelia_reflectance::mip::size`] says; empty where there are none.
     pub levels: Vec<Arc<SbrdfMap>>,
     /// Where the material is cut out; it has the texture coordinates and the tiling of the map.
     pub mask: Option<Arc<Mask>>,
@@ -105,7 +107,8 @@ pub enum Reflectance {
 pub enum Filter {
     /// The texel that the point lies in.
     Nearest,
-    /// The four nearest texels' *evaluated reflectance*, blended: parameters do not interpolate linearly (chapter 5).
+    /// The four nearest texels' *evaluated reflectance*, blended: parameters do not interpolate linearly
+    /// (chapter 5).
     #[default]
     Bilinear,
 }
@@ -127,8 +130,8 @@ pub enum Light {
         /// Radiant intensity: irradiance times the square of the distance in scene units.
         intensity: Rgb,
     },
-    /// A rectangle that shines evenly and diffusely to the side that edges\[0\] × edges\[1\] points to. It is seen, black
-    /// from behind, and casts shadows.
+    /// A rectangle that shines evenly and diffusely to the side that edges\[0\] × edges\[1\] points to. It is
+    /// seen, black from behind, and casts shadows.
     Rectangle {
         /// Its middle.
         centre: Vec3,
@@ -249,8 +252,9 @@ impl Material {
         Self { reflectance, tiling, filter, levels: vec![], mask, optics: None, emission: None }
     }
 
-    /// The mirror term that was measured with a map: its channels `mirror.*`, f cosθ_i of the peak, times the solid angle of the lamp
-    /// that it was measured with (the attribute [`MIRROR_SOLID_ANGLE`]), without which they are no reflectance.
+    /// The mirror term that was measured with a map: its channels `mirror.*`, f cosθ_i of the peak, times the
+    /// solid angle of the lamp that it was measured with (the attribute [`MIRROR_SOLID_ANGLE`]), without
+    /// which they are no reflectance.
     pub fn measured_mirror(map: &SbrdfMap) -> Option<Optics> {
         let solid_angle = map.attributes.get(MIRROR_SOLID_ANGLE)?.parse::<f32>().ok()?;
         Texture::of_map(map, "mirror", solid_angle).map(Optics::Mirror)
@@ -294,7 +298,8 @@ impl Material {
         }
     }
 
-    /// Whether lobes, those of its levels included, stand about normals of their own or sharpen toward grazing.
+    /// Whether lobes, those of its levels included, stand about normals of their own or sharpen toward
+    /// grazing.
     pub fn is_extended(&self) -> bool {
         let finest = match &self.reflectance {
             Reflectance::Uniform(brdf) => brdf.extension(),
@@ -317,7 +322,8 @@ impl Material {
 }
 
 impl Scene {
-    /// Refuses what no renderer can make a picture of: an empty picture, a camera without direction, bad numbers.
+    /// Refuses what no renderer can make a picture of: an empty picture, a camera without direction, bad
+    /// numbers.
     ///
     /// # Errors
     /// Input errors that name the object, the light or the camera's key.

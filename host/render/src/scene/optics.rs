@@ -28,8 +28,8 @@ pub enum Optics {
     AshikhminShirley(AshikhminShirley),
 }
 
-/// A transparent body within a closed mesh. Where bodies overlap the one of the highest priority is there, and the surfaces of the
-/// others within it are not (Schmidt and Budge 2002).
+/// A transparent body within a closed mesh. Where bodies overlap the one of the highest priority is there,
+/// and the surfaces of the others within it are not (Schmidt and Budge 2002).
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Dielectric {
     /// Index of refraction.
@@ -166,7 +166,8 @@ pub(super) fn check_emission(emission: &Texture) -> Result<()> {
 }
 
 impl Scene {
-    /// The first object that only a path tracer draws, by its name and what it is; none when all are of lobes that do not shine.
+    /// The first object that only a path tracer draws, by its name and what it is; none when all are of lobes
+    /// that do not shine.
     pub fn beyond_lobes(&self) -> Option<String> {
         self.objects.iter().find_map(|object| {
             let material = &object.material;

@@ -1,4 +1,5 @@
-//! Procedural meshes with exact texture coordinates and tangent frames. All have +y up and are about one unit in size.
+//! Procedural meshes with exact texture coordinates and tangent frames. All have +y up and are about one unit
+//! in size.
 
 pub mod height_field;
 #[cfg(test)]
@@ -14,7 +15,8 @@ use glam::{Vec2, Vec3};
 use super::frame::perpendicular;
 use super::mesh::{Mesh, Vertex};
 
-/// A rectangular grid of columns × rows cells over u, v in 0..1; `vertex` gives the position and the normal's direction.
+/// A rectangular grid of columns × rows cells over u, v in 0..1; `vertex` gives the position and the normal's
+/// direction.
 fn grid(columns: u32, rows: u32, surface: impl Fn(Vec2) -> Vec3, normal: impl Fn(Vec2) -> Vec3) -> Mesh {
     let mut mesh = Mesh::default();
     for row in 0..=rows {
@@ -123,11 +125,11 @@ const LEAVES: f32 = 1.36;
 const BEND: f32 = 0.09;
 const CLEARANCE: f32 = 0.02;
 
-/// A square cloth over a sphere that stands on the floor y = 0: it hangs in folds, its corners lie on the floor.
-/// About 1.25 high and 2 wide.
+/// A square cloth over a sphere that stands on the floor y = 0: it hangs in folds, its corners lie on the
+/// floor. About 1.25 high and 2 wide.
 ///
-/// Lengths along the cloth's radii are kept; around the form the surplus cloth goes into folds, whose depth follows
-/// from the surplus: waves of depth a and number k add (k a / 2 r)² of the circumference.
+/// Lengths along the cloth's radii are kept; around the form the surplus cloth goes into folds, whose depth
+/// follows from the surplus: waves of depth a and number k add (k a / 2 r)² of the circumference.
 pub fn drape(cells: u32) -> Mesh {
     grid(cells, cells, drape_point, |uv| normal_of(&drape_point, uv))
 }
@@ -152,7 +154,8 @@ fn drape_point(uv: Vec2) -> Vec3 {
     Vec3::new(direction.x * radius, profile.y + CLEARANCE, direction.y * radius)
 }
 
-/// Radius and height of the unfolded cloth at arc length `s` from the top: over the form, straight down, out on the floor.
+/// Radius and height of the unfolded cloth at arc length `s` from the top: over the form, straight down, out
+/// on the floor.
 fn drape_profile(s: f32) -> Vec2 {
     let on_form = (s / FORM).min(LEAVES);
     let at_form = Vec2::new(FORM * on_form.sin(), FORM + FORM * on_form.cos());

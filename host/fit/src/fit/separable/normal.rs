@@ -111,7 +111,8 @@ pub fn amplitudes(gram: &Gram, layout: Layout, most: &Most) -> Amplitudes {
     found
 }
 
-/// Squared residuals from their expanded form: rounding may take it below 0, and products that overflowed are the worst fit there is.
+/// Squared residuals from their expanded form: rounding may take it below 0, and products that overflowed are
+/// the worst fit there is.
 pub(super) fn squares(expanded: f64) -> f64 {
     if expanded.is_finite() { expanded.max(0.0) } else { f64::INFINITY }
 }

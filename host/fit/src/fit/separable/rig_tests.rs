@@ -104,7 +104,8 @@ fn judge(
         workspace.solver.hold(bound);
         let solver = &mut workspace.solver;
         let cost = cost_of(solver, family, &map.texel(index));
-        // A fit that met its limits searched anew for them, and may have found more than on the way to more lobes.
+        // A fit that met its limits searched anew for them, and may have found more than on the way to more
+        // lobes.
         for map in nested.iter().filter(|map| !limited(map, index)) {
             judged.over_nested.push(cost / cost_of(solver, family, &map.texel(index)));
         }
@@ -143,7 +144,8 @@ fn check(name: &str, sampled: &SampledSbrdf, options: &FitOptions, step: usize, 
     assert!(fault.is_none(), "{}", fault.unwrap());
 }
 
-/// What is wrong with a fit, if anything: fewer texels than `least`, less two standard errors, reach the best of 64, or one is above a nested fit.
+/// What is wrong with a fit, if anything: fewer texels than `least`, less two standard errors, reach the best
+/// of 64, or one is above a nested fit.
 fn fault(
     name: &str,
     sampled: &SampledSbrdf,

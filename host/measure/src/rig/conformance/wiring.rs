@@ -1,5 +1,5 @@
-//! Checks of inputs that are told to be wired the other way round, and of alarms. Only inputs: an output the wrong way round would burn
-//! or step.
+//! Checks of inputs that are told to be wired the other way round, and of alarms. Only inputs: an output the
+//! wrong way round would burn or step.
 
 use lobelia_protocol::{AXES, Alarm, Axis, Command, Event, Fault, Field, Outcome, Pin, Pins, Refusal};
 

@@ -1,12 +1,13 @@
-//! The `incident` renderer: near lights by samples of incident radiance. Light that falls on a surface from nearby
-//! differs from place to place; it is sampled in spherical harmonics where the surface needs it (module `samples`),
-//! blended to every vertex, as it is foretold to err (module `second_order`), and multiplied with the transfer that was baked (module `transfer`):
+//! The `incident` renderer: near lights by samples of incident radiance. Light that falls on a surface from
+//! nearby differs from place to place; it is sampled in spherical harmonics where the surface needs it
+//! (module `samples`), blended to every vertex, as it is foretold to err (module `second_order`), and
+//! multiplied with the transfer that was baked (module `transfer`):
 //!
 //! L(p) = ρ_d(p) Σ_i t_i(p) l_i(p).
 //!
-//! Diffuse, direct light of emitters that stand beside the objects, not among them: an object hides an emitter
-//! whether it is before or behind it. A change of the light takes samples; a change of the view draws alone.
-//! Without emitters an environment is one sample for all, which turns with it.
+//! Diffuse, direct light of emitters that stand beside the objects, not among them: an object hides an
+//! emitter whether it is before or behind it. A change of the light takes samples; a change of the view draws
+//! alone. Without emitters an environment is one sample for all, which turns with it.
 
 mod baking;
 mod distant;
@@ -285,8 +286,8 @@ impl Playing {
         }
         (wrong > 0).then(|| {
             format!(
-                "lights stand among the objects: {:.0} % of the light is taken for hidden by what is behind it; use \
-                 --method reference",
+                "lights stand among the objects: {:.0} % of the light is taken for hidden by what is behind \
+                 it; use --method reference",
                 (100.0 * wrong as f64 / all as f64).max(1.0)
             )
         })

@@ -1,6 +1,6 @@
-//! Everything that shines from a surface, sampled by power and place: a tree of triangles and rectangles by box, cone of normals
-//! and power, descended by what each half can send to a point at most (Conty Estevez and Kulla 2018, "Importance sampling of many
-//! lights with adaptive tree splitting").
+//! Everything that shines from a surface, sampled by power and place: a tree of triangles and rectangles by
+//! box, cone of normals and power, descended by what each half can send to a point at most (Conty Estevez and
+//! Kulla 2018, "Importance sampling of many lights with adaptive tree splitting").
 
 use std::f32::consts::{FRAC_PI_2, PI};
 
@@ -112,7 +112,8 @@ impl Bounds {
         }
     }
 
-    /// What a half costs in the choice of a split: power times the solid angle that its light takes times the box's area.
+    /// What a half costs in the choice of a split: power times the solid angle that its light takes times the
+    /// box's area.
     fn cost(&self) -> f32 {
         let size = self.high - self.low;
         let area = size.x * size.y + size.y * size.z + size.z * size.x;
@@ -193,7 +194,8 @@ impl Emitters {
         built
     }
 
-    /// The same emitters chosen by their power alone: in boxes without bounds every point is in the middle of all.
+    /// The same emitters chosen by their power alone: in boxes without bounds every point is in the middle of
+    /// all.
     #[cfg(test)]
     pub(super) fn by_power(mut self) -> Self {
         for node in &mut self.nodes {
@@ -298,7 +300,8 @@ impl Emitters {
         probability
     }
 
-    /// The offset from a point to a place on an emitter by two numbers, and the density of its direction over that emitter.
+    /// The offset from a point to a place on an emitter by two numbers, and the density of its direction over
+    /// that emitter.
     pub(super) fn sample(&self, emitter: u32, point: Vec3, numbers: [f32; 2]) -> Option<(Vec3, f32)> {
         match &self.emitters[emitter as usize].shape {
             Shape::Rectangle(rectangle, _) => {

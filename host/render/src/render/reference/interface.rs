@@ -55,7 +55,8 @@ pub(super) fn mirrored(surface: &Surface, wo: Vec3) -> Vec3 {
     about(normal_for(surface, |normal| surface.geometric.dot(about(normal)) > 0.0)).normalize()
 }
 
-/// Reflection and refraction of `wo`, which is in the surface's frame, by the index beyond over that on its side; in the world.
+/// Reflection and refraction of `wo`, which is in the surface's frame, by the index beyond over that on its
+/// side; in the world.
 pub(super) fn dielectric(surface: &Surface, wo: Vec3, ratio: f32) -> Split {
     let out = surface.to_world(wo);
     let about = |normal: Vec3| {

@@ -1,10 +1,12 @@
-//! Layers of a view: what makes up each pixel, by kind of light, by number of reflections and by object, and what it shows.
+//! Layers of a view: what makes up each pixel, by kind of light, by number of reflections and by object, and
+//! what it shows.
 //!
-//! Of radiance, means over a pixel's samples, without the branches of pictures: `R G B A` the picture, which `emission` (with the
-//! background), `direct` (reflected once) and `indirect` add up to, as `emission`, `diffuse` and `specular` (by the first surface's
-//! term) do, and `bounceN` (reflected or refracted N times, the last with all that follow). `object.NAME`: what pixels show of an
-//! object, its coverage in `A`. At the pixel's middle: `depth.Z` along the line of sight's axis, `normal.X Y Z` in the world toward the
-//! viewer, `texture.U V` coordinates with repeats, `id.I` the object's index, −1 for none.
+//! Of radiance, means over a pixel's samples, without the branches of pictures: `R G B A` the picture, which
+//! `emission` (with the background), `direct` (reflected once) and `indirect` add up to, as `emission`,
+//! `diffuse` and `specular` (by the first surface's term) do, and `bounceN` (reflected or refracted N times,
+//! the last with all that follow). `object.NAME`: what pixels show of an object, its coverage in `A`. At the
+//! pixel's middle: `depth.Z` along the line of sight's axis, `normal.X Y Z` in the world toward the viewer,
+//! `texture.U V` coordinates with repeats, `id.I` the object's index, −1 for none.
 
 use std::path::Path;
 
@@ -79,7 +81,8 @@ type Shown = [f32; 7];
 type Pixel = (Parts, Vec<(u32, Vec4)>, Shown);
 
 impl Settings {
-    /// Renders the layers of a view with as many samples a pixel as told, whatever the limits of time and error.
+    /// Renders the layers of a view with as many samples a pixel as told, whatever the limits of time and
+    /// error.
     ///
     /// # Errors
     /// Those of [`super::super::Renderer::prepare`] and [`super::super::Prepared::view`].
@@ -186,7 +189,8 @@ fn channels(scene: &Scene, pixels: &[Pixel]) -> Vec<(String, Vec<f32>)> {
     channels
 }
 
-/// The names of objects, then of rectangular lights, that channels can have; a second one of a name is told by its index.
+/// The names of objects, then of rectangular lights, that channels can have; a second one of a name is told
+/// by its index.
 fn names(scene: &Scene) -> Vec<String> {
     let letter = |c: char| if c.is_ascii_alphanumeric() || "-_ ".contains(c) { c } else { '_' };
     let lights = scene.lights.iter().enumerate();

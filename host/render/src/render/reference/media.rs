@@ -1,5 +1,5 @@
-//! What a ray is in: transparent bodies that may be nested and overlap, told apart by their priority (Schmidt and Budge 2002,
-//! "Simple nested dielectrics in ray traced images").
+//! What a ray is in: transparent bodies that may be nested and overlap, told apart by their priority (Schmidt
+//! and Budge 2002, "Simple nested dielectrics in ray traced images").
 
 use crate::scene::{Dielectric, Optics, Scene};
 use lobelia_reflectance::Rgb;
@@ -7,7 +7,8 @@ use lobelia_reflectance::Rgb;
 /// Bodies that a ray can be in at once; those beyond are not kept.
 const MOST: usize = 8;
 
-/// The bodies that a ray is in, by object, in the order in which it came into them. One that is come into twice counts twice.
+/// The bodies that a ray is in, by object, in the order in which it came into them. One that is come into
+/// twice counts twice.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub(super) struct Inside {
     objects: [u32; MOST],

@@ -1,5 +1,5 @@
-//! The reference renderer: a path tracer on the CPU for every kind of light, with interreflection. The other renderers are
-//! judged by it.
+//! The reference renderer: a path tracer on the CPU for every kind of light, with interreflection. The other
+//! renderers are judged by it.
 
 mod branches;
 mod budget;
@@ -52,15 +52,16 @@ const BUDGET_PASS: u32 = 16;
 pub struct Settings {
     /// Samples a pixel at most, rounded up to whole passes; powers of two are spread best.
     pub samples: u32,
-    /// Seconds for a view at most, but that every pixel gets a sample; what the scene takes to be made ready is not counted. The picture
-    /// then depends on the machine through the numbers of samples and passes.
+    /// Seconds for a view at most, but that every pixel gets a sample; what the scene takes to be made ready
+    /// is not counted. The picture then depends on the machine through the numbers of samples and passes.
     pub seconds: Option<f64>,
-    /// Relative RMSE of the picture (as [`compare::Errors`] has it) to stop at; the upper estimate by its variance is used.
+    /// Relative RMSE of the picture (as [`compare::Errors`] has it) to stop at; the upper estimate by its
+    /// variance is used.
     pub max_error: Option<f64>,
     /// Reflections a path at most; 1 leaves interreflection out.
     pub bounces: u32,
-    /// Transparent surfaces in a row, from the first on, at which both the reflected and the refracted ray are followed; beyond, and at 0,
-    /// one of them by chance.
+    /// Transparent surfaces in a row, from the first on, at which both the reflected and the refracted ray
+    /// are followed; beyond, and at 0, one of them by chance.
     pub tree: u32,
     /// The picture is a function of scene, samples and seed, whatever the number of threads.
     pub seed: u64,
@@ -113,8 +114,8 @@ impl Renderer for Settings {
 }
 
 impl Settings {
-    /// Renders many views of a scene, which is made ready once, several at a time: cheap ones at the speed of one that is as large as all.
-    /// A limit of time is each view's own.
+    /// Renders many views of a scene, which is made ready once, several at a time: cheap ones at the speed of
+    /// one that is as large as all. A limit of time is each view's own.
     ///
     /// # Errors
     /// Those of [`Renderer::open`] and [`Player::frame`].
@@ -270,8 +271,8 @@ impl Ready {
     }
 }
 
-/// Variance of every pixel's mean as if the passes were independent. They are parts of one stratified sequence, which does
-/// better: this is an upper estimate.
+/// Variance of every pixel's mean as if the passes were independent. They are parts of one stratified
+/// sequence, which does better: this is an upper estimate.
 fn variance(pixels: &[Pixel], passes: u32) -> Vec<Vec3> {
     let degrees = (passes * (passes - 1)) as f32;
     pixels.iter().map(|pixel| pixel.spread / degrees).collect()
@@ -318,7 +319,8 @@ impl<'a> View<'a> {
         (clock() - before) * count as f64 / count.div_ceil(STRIDE) as f64
     }
 
-    /// Adds a pass, the `count`-th, to all pixels; returns the number of rays, or nothing where the time was up before all pixels had it.
+    /// Adds a pass, the `count`-th, to all pixels; returns the number of rays, or nothing where the time was
+    /// up before all pixels had it.
     fn add(
         &self,
         pixels: &mut [Pixel],

@@ -1,4 +1,5 @@
-//! Oracles of mirrors, glass, metal and shining meshes: closed forms, the furnace, images, and equal pictures.
+//! Oracles of mirrors, glass, metal and shining meshes: closed forms, the furnace, images, and equal
+//! pictures.
 
 use std::f32::consts::{FRAC_1_PI, PI};
 use std::sync::Arc;
@@ -135,7 +136,8 @@ fn radiance_grows_with_the_squared_index_into_glass_and_falls_out_of_it() {
     let mut inside = scene(vec![sphere()], Vec3::new(0.1, 0.05, 0.02));
     inside.camera = Camera { target: Vec3::Z, fov: 1.0, ..inside.camera };
     assert!(near(mean(&render(&inside, 64, 2)), index * index, 3e-3));
-    // A black lamp of radiance 1 in the middle, seen through the surface straight on: what is reflected back to it is lost.
+    // A black lamp of radiance 1 in the middle, seen through the surface straight on: what is reflected back
+    // to it is lost.
     let lamp = Affine3A::from_scale(Vec3::splat(0.2));
     let mut outside = scene(
         vec![sphere(), object(shapes::sphere(64, 32), lamp, shining(Rgb::ONE))],

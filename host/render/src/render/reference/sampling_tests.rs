@@ -1,5 +1,5 @@
-//! Chi-square tests of every sampler against the density that it claims. Significance 0.01 over all tests of a kind
-//! (Šidák's correction).
+//! Chi-square tests of every sampler against the density that it claims. Significance 0.01 over all tests of
+//! a kind (Šidák's correction).
 
 use std::f32::consts::{PI, TAU};
 
@@ -22,8 +22,8 @@ fn numbers(index: u32) -> [f32; 4] {
     std::array::from_fn(|k| (hash(index.wrapping_mul(4) + k as u32 + 0x1234_5678) >> 8) as f32 / 16_777_216.0)
 }
 
-/// Statistics of one test: chi-square as a standard normal deviate (Wilson and Hilferty 1931). Cells that expect fewer than
-/// ten samples are taken together.
+/// Statistics of one test: chi-square as a standard normal deviate (Wilson and Hilferty 1931). Cells that
+/// expect fewer than ten samples are taken together.
 fn deviate(counts: &[f64], expected: &[f64]) -> f64 {
     let (mut chi, mut cells, mut rest) = (0.0, 0, (0.0, 0.0));
     for (&count, &expected) in counts.iter().zip(expected) {

@@ -1,4 +1,5 @@
-//! How paths go on from a surface: by a sample of its lobes, or in the one or two directions that mirrors, metal and glass have.
+//! How paths go on from a surface: by a sample of its lobes, or in the one or two directions that mirrors,
+//! metal and glass have.
 
 use glam::Vec3;
 
@@ -11,8 +12,8 @@ use crate::render::geometry::Surface;
 use crate::scene::Optics;
 use lobelia_reflectance::Rgb;
 
-/// Throughput below which roulette decides whether a path goes on: light that takes many bounces is where much of the
-/// noise is, so that paths are better kept than ended as soon as they carry less than the first.
+/// Throughput below which roulette decides whether a path goes on: light that takes many bounces is where
+/// much of the noise is, so that paths are better kept than ended as soon as they carry less than the first.
 const ROULETTE_BELOW: f32 = 1.0 / 3.0;
 /// Probability at most with which a path goes on after lobes, however much it carries.
 const MOST_SURVIVAL: f32 = 0.95;

@@ -7,8 +7,8 @@ pub(super) trait Tally {
     /// Whether the diffuse term is to be told from the rest.
     const SPLITS: bool;
 
-    /// Radiance that came to the viewer by so many reflections, and the part of it, by channel, that is the first surface's diffuse
-    /// term's.
+    /// Radiance that came to the viewer by so many reflections, and the part of it, by channel, that is the
+    /// first surface's diffuse term's.
     fn add(&mut self, reflections: u32, radiance: Rgb, diffuse: Rgb);
 
     /// Radiance that the first surface reflects, found by samples of emitters, and that of its diffuse term.

@@ -135,8 +135,8 @@ fn sampled_environment_light_equals_quadrature() {
 
 #[test]
 fn light_inside_a_closed_sphere_grows_by_the_geometric_series() {
-    // A lamp of intensity I in the middle of a diffuse sphere of radius 1: every point gets I and all that comes back,
-    // L = ρ/π · I / (1 − ρ).
+    // A lamp of intensity I in the middle of a diffuse sphere of radius 1: every point gets I and all that
+    // comes back, L = ρ/π · I / (1 − ρ).
     let albedo = Rgb::new(0.2, 0.5, 0.8);
     let mut inside = scene(shapes::sphere(128, 64), LobeBrdf::diffuse(albedo), Vec3::new(0.3, 0.2, 0.1));
     inside.lights.push(Light::Point { position: Vec3::ZERO, intensity: Rgb::ONE });

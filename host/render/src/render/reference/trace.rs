@@ -1,6 +1,7 @@
-//! Paths: emitted light found by the lobes' own samples and by samples of the emitters, joined by the power heuristic
-//! (Veach and Guibas 1995); lights without extent by shadow rays; mirrors, metal and glass by the one direction that they have
-//! ([`super::interface`]); Russian roulette; several branches from the first surface, see [`super::branches`].
+//! Paths: emitted light found by the lobes' own samples and by samples of the emitters, joined by the power
+//! heuristic (Veach and Guibas 1995); lights without extent by shadow rays; mirrors, metal and glass by the
+//! one direction that they have ([`super::interface`]); Russian roulette; several branches from the first
+//! surface, see [`super::branches`].
 
 use glam::Vec3;
 
@@ -63,8 +64,8 @@ impl Numbers {
     }
 }
 
-/// What is told apart of a path: light that its first surface reflects, found by samples of emitters, and all that the rays that leave
-/// that surface find.
+/// What is told apart of a path: light that its first surface reflects, found by samples of emitters, and all
+/// that the rays that leave that surface find.
 pub(super) const PARTS: usize = 2;
 
 /// What one sample of a pixel found.
@@ -154,8 +155,8 @@ impl Tracer {
         self.scene = scene.clone();
     }
 
-    /// Light that no path finds, where the scene has any: what lights without extent send by way of a surface with a direction of its
-    /// own.
+    /// Light that no path finds, where the scene has any: what lights without extent send by way of a surface
+    /// with a direction of its own.
     pub(super) fn unsampled(&self) -> Option<String> {
         let light = (self.scene.lights.iter())
             .position(|light| matches!(light, Light::Point { .. } | Light::Directional { .. }))?;
@@ -165,8 +166,8 @@ impl Tracer {
         });
         let (name, what) = object?;
         Some(format!(
-            "light {light} has no extent: what it sends by way of object \"{name}\", {what}, to other surfaces is \
-             not in the picture; a rectangular light or a mesh that shines can be sampled"
+            "light {light} has no extent: what it sends by way of object \"{name}\", {what}, to other \
+             surfaces is not in the picture; a rectangular light or a mesh that shines can be sampled"
         ))
     }
 
@@ -256,8 +257,8 @@ impl Tracer {
         Traced { parts: [direct, rest / branches as f32], coverage: 1.0 }
     }
 
-    /// The next surface that is there along a ray, what is left of radiance from it, and whether others were passed; the ray then
-    /// starts behind the last of these.
+    /// The next surface that is there along a ray, what is left of radiance from it, and whether others were
+    /// passed; the ray then starts behind the last of these.
     fn arrive(
         &self,
         origin: &mut Vec3,
@@ -370,8 +371,8 @@ impl Tracer {
         density.map_or(1.0, |density| power_heuristic(drawn.density, density))
     }
 
-    /// Radiance of all emitters that a surface reflects once toward the viewer, by samples of the emitters; and where the tally
-    /// asks for it that of the diffuse term.
+    /// Radiance of all emitters that a surface reflects once toward the viewer, by samples of the emitters;
+    /// and where the tally asks for it that of the diffuse term.
     #[expect(clippy::too_many_arguments, reason = "what a surface is lit by and seen in")]
     fn direct<T: Tally>(
         &self,

@@ -1,5 +1,6 @@
-//! A shining triangle seen from a point: its solid angle, and places on it drawn evenly over the solid angle where that is large
-//! (Arvo 1995, "Stratified sampling of spherical triangles"), over its area where it is small and both are the same.
+//! A shining triangle seen from a point: its solid angle, and places on it drawn evenly over the solid angle
+//! where that is large (Arvo 1995, "Stratified sampling of spherical triangles"), over its area where it is
+//! small and both are the same.
 
 use std::f64::consts::{PI, TAU};
 
