@@ -82,9 +82,8 @@ fn over_temperature_puts_the_lamp_out_stops_everything_and_drops_no_arm() {
     let mut rig = lit();
     let id = rig.begin(EXPOSE);
     rig.bench.borrow_mut().hot = true;
-    assert!(
-        matches!(refusal(rig.outcome(id)), Refusal::Faulted(faults) if faults.contains(Fault::OverTemperature))
-    );
+    assert!(matches!(refusal(rig.outcome(id)), Refusal::Faulted(faults)
+            if faults.contains(Fault::OverTemperature)));
     assert_eq!((rig.bench.borrow().lamp, rig.bench.borrow().enabled), (false, [true; 4]));
     // Cleared while it is still hot, it comes again.
     rig.ask(Command::ClearFaults);

@@ -80,7 +80,8 @@ macro_rules! readers {
 readers! {
     damaged_maps_are_read_or_refused, maps_for_long: maps(), |path| map(SbrdfMap::read_exr(path));
     damaged_openexr_environments_are_read_or_refused, openexr_for_long: pictures(), environment;
-    damaged_radiance_environments_are_read_or_refused, radiance_for_long: cases("hdr", &[".hdr"]), environment;
+    damaged_radiance_environments_are_read_or_refused, radiance_for_long: cases("hdr", &[".hdr"]),
+        environment;
     damaged_photographs_are_read_or_refused, photographs_for_long: photographs(), photo;
     damaged_obj_meshes_are_read_or_refused, obj_for_long: cases("obj", &[".obj"]), mesh;
     damaged_ply_meshes_are_read_or_refused, ply_for_long: ply(), mesh;
@@ -217,7 +218,8 @@ fn ply() -> Vec<Sound> {
 
 /// Documents with their buffers within them, and one in the binary container.
 fn gltf() -> Vec<Sound> {
-    let json = r#"{"asset":{"version":"2.0"},"scene":0,"scenes":[{"nodes":[0]}],"nodes":[{"mesh":0,"scale":[1,2,3]}],
+    let json = r#"{"asset":{"version":"2.0"},"scene":0,"scenes":[{"nodes":[0]}],"nodes":[{"mesh":0,
+    "scale":[1,2,3]}],
         "meshes":[{"primitives":[{"attributes":{"POSITION":0}}]}],
         "accessors":[{"bufferView":0,"componentType":5126,"count":3,"type":"VEC3"}],
         "bufferViews":[{"buffer":0,"byteLength":36}],"buffers":[{"byteLength":36}]}"#;

@@ -190,7 +190,8 @@ mod tests {
         }
 
         #[test]
-        fn division_by_digits_is_division(n in any::<u128>(), shift in 0..128u32, d in 1..=u32::MAX, small in 1..=u32::from(u16::MAX)) {
+        fn division_by_digits_is_division(n in any::<u128>(), shift in 0..128u32, d in 1..=u32::MAX,
+            small in 1..=u32::from(u16::MAX)) {
             prop_assert_eq!(divide(n >> shift, d), (n >> shift) / u128::from(d));
             prop_assert_eq!(divide(n >> shift, small), (n >> shift) / u128::from(small));
         }
@@ -202,7 +203,8 @@ mod tests {
             let cubic = Cubic { c, ticks: 1 };
             let x = f64::from(u) / 4_294_967_296.0;
             let c = c.map(|c| c as f64);
-            let near = |is: i64, real: f64| (is as f64 - real).abs() <= 8.0 + 1e3 * f64::EPSILON * (1u64 << 62) as f64;
+            let near = |is: i64, real: f64| (is as f64 - real).abs() <= 8.0
+                + 1e3 * f64::EPSILON * (1u64 << 62) as f64;
             prop_assert!(near(cubic.at(u), c[0] + x * (c[1] + x * (c[2] + x * c[3]))));
             prop_assert!(near(cubic.slope(u), c[1] + x * (2.0 * c[2] + x * 3.0 * c[3])));
             prop_assert!(near(cubic.curvature(u), 2.0 * c[2] + 6.0 * x * c[3]));
@@ -216,7 +218,8 @@ mod tests {
             let cubic = Cubic { c: [0, rise << 32, 0, bend << 32], ticks };
             let position = (cubic.end() as f64 * part) as i64;
             let solved = cubic.solve(position, &mut guess) as f64 / ticks as f64;
-            let error = solved * (rise as f64 + solved * solved * bend as f64) - position as f64 / STEP as f64;
+            let error = solved * (rise as f64 + solved * solved * bend as f64)
+                - position as f64 / STEP as f64;
             let slope = rise as f64 + 3.0 * solved * solved * bend as f64;
             // In ticks: half a µs at most.
             prop_assert!((error / slope * ticks as f64).abs() < 64.0, "{}", error / slope * ticks as f64);

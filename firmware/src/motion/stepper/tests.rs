@@ -197,7 +197,8 @@ proptest! {
 
     #[test]
     fn step_times_follow_the_analytic_profile_within_a_microsecond_and_half_a_tick(
-        distance in prop_oneof![1..40i32, 40..6_000], up in any::<bool>(), limits in limits(), start in 0..1u64 << 40,
+        distance in prop_oneof![1..40i32, 40..6_000], up in any::<bool>(), limits in limits(),
+            start in 0..1u64 << 40,
     ) {
         let mut motor = Motor::new(start);
         motor.go(if up { distance } else { -distance }, limits);
@@ -230,7 +231,8 @@ proptest! {
     }
 
     #[test]
-    fn stretched_run_takes_the_time_asked_for(distance in 1..1u32 << 30, limits in limits(), more in 0..1u64 << 40) {
+    fn stretched_run_takes_the_time_asked_for(distance in 1..1u32 << 30, limits in limits(),
+        more in 0..1u64 << 40) {
         let times = Times::shortest(distance, limits);
         prop_assert_eq!(times.stretched(times.total() + more).total(), times.total() + more);
     }
@@ -259,7 +261,8 @@ proptest! {
     ) {
         let mut motor = Motor::new(0);
         motor.go(distance, limits);
-        let redirect_us = (Times::shortest(distance.unsigned_abs(), limits).total() as f64 / 256.0 * part) as u64;
+        let redirect_us = (Times::shortest(distance.unsigned_abs(),
+            limits).total() as f64 / 256.0 * part) as u64;
         let mut times = motor.run_while(|due| due <= redirect_us);
         motor.now_us = redirect_us;
         let target = motor.position() + ahead;

@@ -415,7 +415,8 @@ mod tests {
             (r#"[{"name":"sharding_indexed"}]"#, "codec `sharding_indexed`, which is not read"),
         ] {
             let text = format!(
-                r#"{{"zarr_format":3,"node_type":"array","shape":[1000000000],"data_type":"float32","chunk_grid":
+                r#"{{"zarr_format":3,"node_type":"array","shape":[1000000000],"data_type":"float32",
+                "chunk_grid":
                 {{"name":"regular","configuration":{{"chunk_shape":[1000000000]}}}},"codecs":{codecs}}}"#
             );
             std::fs::write(array.join("zarr.json"), text).unwrap();

@@ -16,32 +16,41 @@
 //! builtin = "studio"                    # or "sky", or file = "lobby.exr"
 //!
 //! [[object]]
-//! mesh = "drape"                        # sphere, plane, backdrop, drape, swarm, or a .gltf, .glb, .obj, .ply or .bpt (Bézier patches) file
-//! # or a shape to a tolerance, how far triangles may be from it in units of the scene (1/2000 of its longest side when left out):
+//! # sphere, plane, backdrop, drape, swarm, or a .gltf, .glb, .obj, .ply or .bpt (Bézier patches) file
+//! mesh = "drape"
+//! # or a shape to a tolerance, how far triangles may be from it in units of the scene (1/2000 of its
+//! # longest side when left out):
 //! # shape.sphere = { radius = 1.0, tolerance = 0.001 }
 //! # shape.torus = { radius = 1.0, tube = 0.3 }
 //! # shape.cylinder = { radius = 1.0, height = 2.0, lids = true }
 //! # shape.box = { size = [1.0, 1.0, 1.0] }
-//! # shape.lathe = { profile = [[0.0, 1.0], [1.0, 0.0]], smooth = false }  # radius, height; smooth: cubic Bézier pieces
-//! # shape.height_field = { file = "dunes.png", size = [4.0, 4.0], height = 0.5 }  # or heights = [[0.0, 0.1], [0.2, 0.0]]
+//! # shape.lathe = { profile = [[0.0, 1.0], [1.0, 0.0]], smooth = false }  # radius, height; smooth:
+//! # cubic Bézier pieces
+//! # shape.height_field = { file = "dunes.png", size = [4.0, 4.0], height = 0.5 }  # or heights =
+//! # [[0.0, 0.1], [0.2, 0.0]]
 //! # shape.teapot = { bottom = true }
 //! # shape.bezier = { file = "patches.bpt" }
 //! [object.material]
 //! map = "weave.exr"                     # or published = "clay", or weave or check = ["clay", "felt"],
-//!                                       # or albedo, rho_d, beta_deg and lobes; weave.mip1.exr and so on are its MIP levels
+//! # or albedo, rho_d, beta_deg and lobes; weave.mip1.exr and so on are its MIP levels
 //! tiling = [4.0, 4.0]
-//! mirror = [0.1, 0.1, 0.1]              # a perfect mirror, over those or alone; other materials: [`super::material_file`]
-//! emission = [2.0, 2.0, 2.0]            # radiance of the front; emission_map = "glow.exr" is a texture of it
-//! mask = "leaf.png"                     # cut out where alpha, or brightness, is below 0.5; a map may have a channel alpha instead
+//! # a perfect mirror, over those or alone; other materials: [`super::material_file`]
+//! mirror = [0.1, 0.1, 0.1]
+//! # radiance of the front; emission_map = "glow.exr" is a texture of it
+//! emission = [2.0, 2.0, 2.0]
+//! # cut out where alpha, or brightness, is below 0.5; a map may have a channel alpha instead
+//! mask = "leaf.png"
 //!
 //! [[light]]
-//! kind = "directional"                  # or "point": position, intensity; or "rectangle": centre, edges, radiance
+//! # or "point": position, intensity; or "rectangle": centre, edges, radiance
+//! kind = "directional"
 //! toward = [0.3, 1.0, 0.5]
 //! irradiance = [2.0, 2.0, 2.0]
 //!
 //! [[parameter]]                         # what has a name to be varied by
 //! name = "hour"
-//! range = [8.0, 20.0]                   # from where it does nothing to where it does all of this, in proportion
+//! # from where it does nothing to where it does all of this, in proportion
+//! range = [8.0, 20.0]
 //! value = 12.0                          # where it stands; the first of range when left out
 //! environment_turn_deg = 90.0
 //! light.lamp = { dim = 0.2 }            # as in a key of the animation
@@ -53,7 +62,8 @@
 //! position = [0.0, 1.2, 4.0]
 //! target = [0.0, 0.6, 0.0]
 //! environment_turn_deg = 30.0           # about +y, beyond rotation_deg
-//! light.lamp = { move = [1.0, 0.0, 0.0], turn_deg = [0.0, 90.0, 0.0], dim = 0.5 }   # by the light's name, or its number from 0
+//! # by the light's name, or its number from 0
+//! light.lamp = { move = [1.0, 0.0, 0.0], turn_deg = [0.0, 90.0, 0.0], dim = 0.5 }
 //! object.ball = { move = [0.0, 0.5, 0.0] }
 //! parameter.hour = 18.0
 //! ```

@@ -2,15 +2,20 @@
 //!
 //! ```toml
 //! [object.material]
-//! map = "weave.exr"                       # with its channels mirror.*, a mirror, where its attribute mirror.solid_angle_sr is known
+//! # with its channels mirror.*, a mirror, where its attribute mirror.solid_angle_sr is known
+//! map = "weave.exr"
 //! mirror = [0.04, 0.04, 0.04]             # a perfect mirror over it, or alone: ρ_m of L_r = ρ_m L_i
-//! emission = [4.0, 3.6, 3.0]              # radiance of the front; times emission_map = "glow.exr" where that is given
+//! # radiance of the front; times emission_map = "glow.exr" where that is given
+//! emission = [4.0, 3.6, 3.0]
 //!
 //! # Instead of a map, published, weave, check, or albedo or rho_d and lobes:
-//! phong = { rho_d = [0.4, 0.1, 0.1], rho_s = [0.3, 0.3, 0.3], n = 50 }           # reflectances without unit; one lobe
-//! ashikhmin = { rho_d = [0.5, 0.5, 0.5], rho_s = [0.75, 0.75, 0.75], n = [10, 100] }   # along the tangent and across
+//! # reflectances without unit; one lobe
+//! phong = { rho_d = [0.4, 0.1, 0.1], rho_s = [0.3, 0.3, 0.3], n = 50 }
+//! # along the tangent and across
+//! ashikhmin = { rho_d = [0.5, 0.5, 0.5], rho_s = [0.75, 0.75, 0.75], n = [10, 100] }
 //! conductor = { n = [0.143, 0.375, 1.442], k = [3.983, 2.386, 1.603] }           # gold
-//! dielectric = { index = 1.5, absorption = [0.3, 0.05, 0.1], priority = 1 }      # the last two may be left out
+//! # the last two may be left out
+//! dielectric = { index = 1.5, absorption = [0.3, 0.05, 0.1], priority = 1 }
 //! ```
 
 use std::f32::consts::{FRAC_1_PI, TAU};

@@ -23,6 +23,7 @@ fn spend(instructions: u32) {
     // SAFETY: touches nothing but one register of its own and the flags; the count is above 0, so that the
     // loop ends.
     unsafe {
-        core::arch::asm!("2: subs {0}, #1", "bne 2b", inout(reg) (instructions / 2).max(1) => _, options(nomem, nostack));
+        core::arch::asm!("2: subs {0}, #1", "bne 2b", inout(reg) (instructions / 2).max(1) => _,
+            options(nomem, nostack));
     }
 }

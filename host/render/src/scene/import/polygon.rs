@@ -123,7 +123,8 @@ mod tests {
             let points: Vec<DVec3> = radii.iter().enumerate().map(at).collect();
             let cut = triangles(&points);
             let whole: f64 = (0..points.len())
-                .map(|k| 0.5 * (points[k] - DVec3::X * far).cross(points[(k + 1) % points.len()] - DVec3::X * far).z)
+                .map(|k| 0.5 * (points[k] - DVec3::X * far).cross(points[(k + 1) % points.len()]
+                    - DVec3::X * far).z)
                 .sum();
             let sum: f64 = cut.iter().map(|&t| area(&points, t).abs()).sum();
             prop_assert!((sum - whole).abs() < 1e-6 * whole.max(1.0), "{sum} {whole}");
