@@ -369,7 +369,7 @@ fn render_scene(args: &RenderArgs, seed: u64) -> Result<RenderOutcome> {
         ("write", write_seconds),
     ]);
     let layers = args.paths.write(&scene, &settings.reference)?;
-    let written = views.into_iter().flat_map(|(_, paths)| paths).chain(layers).collect();
+    let written = layers.into_iter().chain(views.into_iter().flat_map(|(_, paths)| paths)).collect();
     Ok(RenderOutcome { stages, method: chosen.method, note: chosen.note, tried, rendering, errors, written })
 }
 
