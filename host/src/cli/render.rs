@@ -404,7 +404,7 @@ fn render_scene(args: &RenderArgs, seed: u64) -> Result<RenderOutcome> {
     stages.extend((cost.light_seconds > 0.0).then_some(("light", cost.light_seconds)));
     stages.extend([("render", cost.view_seconds + cost.render_seconds), ("write", write_seconds)]);
     let layers = args.paths.write(&scene, &settings.reference)?;
-    let written = paths.into_iter().flatten().chain(layers).collect();
+    let written = layers.into_iter().chain(paths.into_iter().flatten()).collect();
     let render::Drawn { method, note, tried, last, .. } = drawn;
     Ok(RenderOutcome { stages, method, note, tried, rendering: last, errors, written })
 }
