@@ -161,11 +161,6 @@ impl Geometry {
         })
     }
 
-    /// Length by which rays are kept off the surface that they start from.
-    pub(crate) fn offset(&self) -> f32 {
-        self.offset
-    }
-
     /// The vertices of the triangle that was hit, those of all objects counted in order, with their weights.
     pub(crate) fn blend_of(&self, hit: &Hit) -> ([u32; 3], [f32; 3]) {
         let [wb, wc] = hit.weights.map(|weight| weight.clamp(0.0, 1.0));
@@ -287,7 +282,7 @@ fn extent(mesh: &Mesh) -> f32 {
     extent.max(f32::MIN_POSITIVE)
 }
 
-/// Length by which the raster's rays are kept off the surfaces of a mesh.
+/// Length by which rays of the raster, and those of transfer, are kept off the surfaces of a mesh.
 pub(crate) fn offset(mesh: &Mesh) -> f32 {
     extent(mesh) * 2e-5
 }
