@@ -178,11 +178,6 @@ impl Geometry {
         })
     }
 
-    /// Length by which rays that start from vertices are kept off their surfaces.
-    pub(crate) fn offset(&self) -> f32 {
-        self.nearer * (OFF / NEARER)
-    }
-
     /// The vertices of the triangle that was hit, those of all objects counted in order, with their weights.
     pub(crate) fn blend_of(&self, hit: &Hit) -> ([u32; 3], [f32; 3]) {
         let [wb, wc] = hit.weights.map(|weight| weight.clamp(0.0, 1.0));
@@ -302,9 +297,6 @@ fn blend(corners: [&Vertex; 3], weights: [f32; 3]) -> Vertex {
 /// What of the largest coordinate a light's triangles may seem nearer by.
 const NEARER: f32 = 2e-6;
 
-/// What of it rays are kept off surfaces by where rounding is not followed point by point.
-const OFF: f32 = 2e-5;
-
 /// The largest coordinate of a mesh.
 fn extent(mesh: &Mesh) -> f32 {
     let (low, high) = mesh.bounds();
@@ -312,9 +304,9 @@ fn extent(mesh: &Mesh) -> f32 {
     extent.max(f32::MIN_POSITIVE)
 }
 
-/// Length by which the raster's rays are kept off the surfaces of a mesh.
+/// Length by which rays of the raster, and those of transfer, are kept off the surfaces of a mesh.
 pub(crate) fn offset(mesh: &Mesh) -> f32 {
-    extent(mesh) * OFF
+    extent(mesh) * 2e-5
 }
 
 /// The second and the third barycentric coordinate of a point of a triangle's plane.

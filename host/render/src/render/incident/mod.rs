@@ -267,7 +267,7 @@ impl Playing {
         let (mut wrong, mut all) = (0usize, 0usize);
         for k in (0..64usize.min(count)).map(|k| self.tree.order[k * count / 64.min(count)] as usize) {
             let (position, normal) = (self.receivers.positions[k], self.receivers.normals[k]);
-            let origin = position + normal * self.objects.offset();
+            let origin = position + normal * self.receivers.offset;
             for emitter in emitters.iter().filter(|emitter| emitter.shines_to(position.as_dvec3())) {
                 let middle = emitter.middle().as_vec3();
                 for place in

@@ -13,7 +13,7 @@ use std::f64::consts::PI;
 use glam::{DVec3, Vec3};
 
 use super::harmonics::{self, COUNT};
-use crate::render::geometry::{Geometry, joined};
+use crate::render::geometry::{self, Geometry, joined};
 use crate::scene::{Mesh, Object, Scene};
 
 /// Where transfer is known: the front of every vertex of all objects in order, then the back of those of open
@@ -24,6 +24,8 @@ pub(super) struct Receivers {
     pub(super) normals: Vec<Vec3>,
     /// By how much rays start aside, along the surface: off the walls that a rim may touch.
     asides: Vec<Vec3>,
+    /// By how much rays start above the surface.
+    pub(super) offset: f32,
     /// Largest diffuse reflectance of the object, sr⁻¹.
     pub(super) brightness: Vec<f32>,
     /// What to add to the index of a front for that of its back, by object.
@@ -43,6 +45,7 @@ impl Receivers {
             brightness: Vec::with_capacity(front),
             backs: Vec::with_capacity(runs.len()),
             asides,
+            offset: geometry::offset(&mesh),
         };
         let mut first = 0;
         for object in &scene.objects {
@@ -152,7 +155,7 @@ impl Directions {
         geometry: &Geometry,
     ) -> ([f32; COUNT], u64) {
         let normal = receivers.normals[index];
-        let origin = receivers.positions[index] + receivers.asides[index] + normal * geometry.offset();
+        let origin = receivers.positions[index] + receivers.asides[index] + normal * receivers.offset;
         let (mut sums, mut weights) = ([[0.0f64; COUNT]; 2], [0.0; 2]);
         let mut rays = 0;
         let each = 4.0 * PI / self.all.len() as f64;
