@@ -29,11 +29,10 @@ pub(super) fn names(registry: &Registry, root: &Path, faults: &mut Vec<String>) 
     let mut sources = Vec::new();
     read_sources(root, &mut sources);
     for (name, filter) in filters {
-        // A filter may end in the midst of a name.
+        // A filter may begin and end in the midst of a name.
         let last = filter.rsplit("::").next().unwrap_or(filter);
-        let found = |source: &String| {
-            source.contains(&format!("fn {last}")) || source.contains(&format!("mod {last}"))
-        };
+        let names = |line: &str| (line.contains("fn ") || line.contains("mod ")) && line.contains(last);
+        let found = |source: &String| source.lines().any(names);
         if !sources.iter().any(found) {
             faults.push(format!("`{name}` runs the test `{filter}`, and there is none of that name"));
         }
@@ -61,10 +60,18 @@ fn tests(said: &str) -> usize {
     said.lines().filter_map(of).sum()
 }
 
-/// The part of a name by which the `cargo test` of a line chooses: its last argument.
+/// Options of `cargo test` and of libtest that take a word.
+const WITH_WORD: [&str; 7] =
+    ["-p", "--package", "--test", "--bin", "--features", "--test-threads", "--profile"];
+
+/// The part of a name by which the `cargo test` of a line chooses: its last word that belongs to no option.
 fn filter(line: &str) -> Option<&str> {
     let command = line.split("cargo test").nth(1)?.split(['>', '|', ';', '&']).next()?;
-    command.split_whitespace().last().filter(|word| !word.starts_with('-'))
+    let words: Vec<&str> = command.split_whitespace().collect();
+    let of_none = |&k: &usize| {
+        !words[k].starts_with('-') && !k.checked_sub(1).is_some_and(|k| WITH_WORD.contains(&words[k]))
+    };
+    (0..words.len()).rev().find(of_none).map(|k| words[k])
 }
 
 #[cfg(test)]
@@ -105,7 +112,12 @@ mod tests {
             names(&Registry::parse(&text).unwrap(), folder.path(), &mut faults);
             faults
         };
-        for right in ["-q -- a::tests::so_it_does", "tests", "-p a --lib -- --nocapture"] {
+        for right in [
+            "-q -- a::tests::so_it_does",
+            "tests",
+            "-p a --lib -- --nocapture",
+            "--test mcu does_well -- --nocapture --test-threads 1",
+        ] {
             assert!(faults(right).is_empty(), "{right}");
         }
         assert_eq!(
