@@ -1,8 +1,9 @@
 //! What a board has to offer: pins, a lamp dimmer, a photodiode and a link.
 //!
-//! Pins are logical: high means stepping, forward, enabled, switch closed, shutter open, lamp burning, stop pressed.
-//! What a board's pins do by themselves is in its table of pins; what a rig has otherwise is in its parameters, and the controller
-//! inverts it. A home switch and the emergency stop should be wired so that a broken wire reads as closed and pressed.
+//! Pins are logical: high means stepping, forward, enabled, switch closed, shutter open, lamp burning, stop
+//! pressed. What a board's pins do by themselves is in its table of pins; what a rig has otherwise is in its
+//! parameters, and the controller inverts it. A home switch and the emergency stop should be wired so that a
+//! broken wire reads as closed and pressed.
 
 use embedded_hal::digital::{InputPin, OutputPin};
 use embedded_hal::pwm::SetDutyCycle;
@@ -20,8 +21,8 @@ pub trait ByteLink {
     fn read(&mut self) -> Option<u8>;
     /// Sends a byte; false when there's no room for it now.
     fn write(&mut self, byte: u8) -> bool;
-    /// Whether all that was written has left, or as good as. Events wait for it, so an answer never queues behind several of
-    /// them; a link without a buffer need not tell.
+    /// Whether all that was written has left, or as good as. Events wait for it, so an answer never queues
+    /// behind several of them; a link without a buffer need not tell.
     fn is_idle(&self) -> bool {
         true
     }
@@ -31,14 +32,14 @@ pub trait ByteLink {
 pub trait AnalogInput {
     /// A reading in counts; `None` when the converter fails.
     fn read(&mut self) -> Option<u16>;
-    /// Begins to read again and again by itself, for so many µs from now, at a rate that is no multiple of a dimmer's; false for an
-    /// input that can't. It is not asked to [`Self::read`] meanwhile.
+    /// Begins to read again and again by itself, for so many µs from now, at a rate that is no multiple of a
+    /// dimmer's; false for an input that can't. It is not asked to [`Self::read`] meanwhile.
     fn begin(&mut self, duration_us: u32) -> bool {
         let _ = duration_us;
         false
     }
-    /// What was read by itself and not given yet; `None` when the converter fails. To be called each millisecond: what is overwritten
-    /// before that is left out.
+    /// What was read by itself and not given yet; `None` when the converter fails. To be called each
+    /// millisecond: what is overwritten before that is left out.
     fn gather(&mut self) -> Option<Readings> {
         None
     }
@@ -75,7 +76,8 @@ impl core::ops::AddAssign for Readings {
 
 /// A shutter that a timer opens and closes to the tick, whatever the program is doing.
 pub trait TimedShutter {
-    /// Opens it within 20 µs, for so many µs; gives when, in the lower half of the controller's time, or nothing when it can't.
+    /// Opens it within 20 µs, for so many µs; gives when, in the lower half of the controller's time, or
+    /// nothing when it can't.
     fn open(&mut self, duration_us: u32) -> Option<u32>;
     /// Closes it at once; false when it can't.
     fn close(&mut self) -> bool;
@@ -85,8 +87,9 @@ pub trait TimedShutter {
 
 /// The board's outputs as a whole.
 pub trait Outputs {
-    /// The wiring is known, of each axis and of the rest, and every output was told to be off by it. Pins that were left to the pulls outside
-    /// may be driven from now on; a crash's and the emergency stop's safe state goes by this wiring.
+    /// The wiring is known, of each axis and of the rest, and every output was told to be off by it. Pins
+    /// that were left to the pulls outside may be driven from now on; a crash's and the emergency stop's safe
+    /// state goes by this wiring.
     fn wired(&mut self, axes: [Pins; AXES], rest: Pins);
 }
 
@@ -100,7 +103,8 @@ pub trait BrownOut {
 
 /// The step pins of all axes: a rising edge is one step.
 pub trait StepPins {
-    /// Raises some pins and lowers others, a bit an axis with pan the lowest; false when one could not be driven.
+    /// Raises some pins and lowers others, a bit an axis with pan the lowest; false when one could not be
+    /// driven.
     fn write(&mut self, raise: u8, lower: u8) -> bool;
 }
 
@@ -173,7 +177,8 @@ pub const BEARABLE_LATE_US: u32 = 100;
 pub struct Options<B: Board> {
     /// Of each axis: high while its driver tells an alarm, or a stall.
     pub alarm: [Option<B::Input>; AXES],
-    /// What an interrupt at each change of the alarm inputs writes down; without one they are seen at polls only.
+    /// What an interrupt at each change of the alarm inputs writes down; without one they are seen at polls
+    /// only.
     pub alarms: Option<&'static Alarms>,
     /// High: lamp or drivers are too hot.
     pub over_temperature: Option<B::Input>,
@@ -197,20 +202,23 @@ pub struct Options<B: Board> {
     pub outputs: Option<&'static mut (dyn Outputs + Send)>,
     /// Set once, if it is otherwise, at rest and with the lamp dark.
     pub brown_out: Option<&'static mut (dyn BrownOut + Send)>,
-    /// Changes at each poll, every millisecond at least, while the controller is well: it feeds a retriggerable monostable whose output
-    /// lets the lamp's relay close, so that the lamp goes out when the program hangs, however it hangs.
+    /// Changes at each poll, every millisecond at least, while the controller is well: it feeds a
+    /// retriggerable monostable whose output lets the lamp's relay close, so that the lamp goes out when the
+    /// program hangs, however it hangs.
     pub heartbeat: Option<B::Output>,
-    /// Steps a second that the board makes in time, all axes together; parameters that ask for more are refused. Nothing where steps
-    /// cost no time.
+    /// Steps a second that the board makes in time, all axes together; parameters that ask for more are
+    /// refused. Nothing where steps cost no time.
     pub most_steps_per_s: Option<u32>,
-    /// A step that is later than this and than half its interval is a fault ([`Fault::StepsLate`](lobelia_protocol::Fault)), at most a second. An
-    /// emulator's time is no measure of the program's, so there it may be long.
+    /// A step that is later than this and than half its interval is a fault
+    /// ([`Fault::StepsLate`](lobelia_protocol::Fault)), at most a second. An emulator's time is no measure of
+    /// the program's, so there it may be long.
     pub bearable_late_us: u32,
     /// What the board can tell of itself.
     pub vitals: Option<&'static mut (dyn Vitals + Send)>,
 }
 
-/// What a board can tell of itself, for [`Health`](lobelia_protocol::Health). It is asked at each telemetry, so an answer must be at hand.
+/// What a board can tell of itself, for [`Health`](lobelia_protocol::Health). It is asked at each telemetry,
+/// so an answer must be at hand.
 pub trait Vitals {
     /// Bytes of the stack that were ever used, and that there are.
     fn stack(&mut self) -> Option<[u32; 2]> {

@@ -1,4 +1,5 @@
-//! The controller: takes packets from the link, runs one long command at a time, and stops everything on a fault.
+//! The controller: takes packets from the link, runs one long command at a time, and stops everything on a
+//! fault.
 
 mod drivers;
 mod lease;
@@ -129,7 +130,8 @@ pub struct Controller<B: Board> {
     swept: [Sweep; AXES],
     /// What the parameters were saved as, until that is told, if by an older program.
     migrated: Option<u32>,
-    /// Whether axes moved when the controller was last polled, and how long the longest of such polls took, µs.
+    /// Whether axes moved when the controller was last polled, and how long the longest of such polls took,
+    /// µs.
     moved: bool,
     longest_poll_us: u32,
     watch: Watch,
@@ -202,7 +204,8 @@ impl<B: Board> Controller<B> {
         step_us.min(self.next_poll_us())
     }
 
-    /// When [`Self::poll`] has to be called next where an interrupt makes the steps, as [`Self::next_event_us`] where none does.
+    /// When [`Self::poll`] has to be called next where an interrupt makes the steps, as
+    /// [`Self::next_event_us`] where none does.
     pub fn next_poll_us(&self) -> u64 {
         let idle = || self.task_us().min(self.lease_end_us()).min(self.watch.next_us());
         self.poll_us.unwrap_or_else(idle).min(self.lamp_us()).min(self.alarm_us())
@@ -250,8 +253,8 @@ impl<B: Board> Controller<B> {
         }
     }
 
-    /// Does all there is to do at `now_us` except steps; looks for bytes too. The time never goes back, and is that of the clock by
-    /// which steps are made.
+    /// Does all there is to do at `now_us` except steps; looks for bytes too. The time never goes back, and
+    /// is that of the clock by which steps are made.
     pub fn poll(&mut self, now_us: u64) {
         let in_time = now_us.saturating_sub(self.next_poll_us()) <= LATE_US;
         self.now_us = now_us;
@@ -302,7 +305,8 @@ impl<B: Board> Controller<B> {
         self.mind_fan(now_us);
         self.mind_supply(now_us);
         self.tell(now_us);
-        // A board whose pins fail, or that steps too late, is better off with a reset, which puts pins to their safe state.
+        // A board whose pins fail, or that steps too late, is better off with a reset, which puts pins to
+        // their safe state.
         if in_time && !self.safety.faults().contains(Fault::Hardware) {
             self.show_life();
         }
@@ -324,7 +328,8 @@ impl<B: Board> Controller<B> {
         }
     }
 
-    /// To be told when the loop that polls has done all that it does once, by the clock of the polls: how long that took is told to the host.
+    /// To be told when the loop that polls has done all that it does once, by the clock of the polls: how
+    /// long that took is told to the host.
     pub fn polled(&mut self, now_us: u64) {
         if self.moved {
             let took = now_us.saturating_sub(self.now_us).min(u32::MAX.into()) as u32;
@@ -486,8 +491,8 @@ impl<B: Board> Controller<B> {
         axes.map(|p| u64::from(p.settle_ms) * 1000).max().unwrap_or(0)
     }
 
-    /// Ceases everything at once and remembers why. The lamp, which takes long to warm, goes out only where it may be the danger, or
-    /// where pins can't be trusted.
+    /// Ceases everything at once and remembers why. The lamp, which takes long to warm, goes out only where
+    /// it may be the danger, or where pins can't be trusted.
     fn raise(&mut self, now_us: u64, fault: Fault, axis: Option<Axis>) {
         let mut safe = true;
         // An arm whose motor is released falls: only where somebody may be caught, or pins do what they like.

@@ -15,7 +15,8 @@ pub(crate) struct Line<P> {
 }
 
 impl<P> Line<P> {
-    /// A pin of which nothing is known yet: an output is left as it is, an input taken as the board's table has it.
+    /// A pin of which nothing is known yet: an output is left as it is, an input taken as the board's table
+    /// has it.
     pub(crate) fn new(pin: P) -> Self {
         Self { pin, inverted: None }
     }

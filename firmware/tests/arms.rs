@@ -6,8 +6,8 @@ mod bench;
 use bench::{Rig, configuration};
 use lobelia_protocol::{Answer, Axis, Command, Configuration, Field, KeepOut, Outcome, Refusal};
 
-/// Whatever moves and homings there are, the cables of a full-turn axis are never wound up by more turns than they bear, and where they would
-/// be, the longer way is taken.
+/// Whatever moves and homings there are, the cables of a full-turn axis are never wound up by more turns than
+/// they bear, and where they would be, the longer way is taken.
 #[test]
 fn cables_of_a_full_turn_axis_are_wound_up_by_no_more_turns_than_they_bear() {
     for most_turns in [0, 1, 2] {

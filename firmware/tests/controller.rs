@@ -10,8 +10,8 @@ use lobelia_protocol::{
 };
 use proptest::prelude::*;
 
-/// Where the motor is when the axis is truly at a position: the switch opens one step above the last closed one, and that
-/// step is −1000.
+/// Where the motor is when the axis is truly at a position: the switch opens one step above the last closed
+/// one, and that step is −1000.
 fn with_coordination(coordinated: bool) -> Configuration {
     let configuration = configuration();
     Configuration { settings: Settings { coordinated, ..configuration.settings }, ..configuration }
@@ -92,9 +92,8 @@ fn old_request_without_a_kept_answer_is_not_run() {
     rig.received();
     rig.send(&ToController::Request(late));
     let answers = rig.received();
-    assert!(
-        matches!(answers[..], [ToHost::Response(response)] if response.outcome == Outcome::Refused(Refusal::Stale))
-    );
+    assert!(matches!(answers[..], [ToHost::Response(response)]
+            if response.outcome == Outcome::Refused(Refusal::Stale)));
     assert_eq!(rig.step_count(), 0);
 }
 
@@ -133,7 +132,10 @@ fn emergency_stop_ceases_steps_at_once_and_needs_clearing_and_homing() {
     assert_eq!(rig.step_count(), before);
     assert_eq!((rig.bench.borrow().enabled, rig.bench.borrow().lamp), ([false; 4], false));
     let packets = rig.received();
-    let told = |packet: &ToHost| matches!(packet, ToHost::Event(Event::Fault(report)) if report.fault == Fault::EmergencyStop);
+    let told = |packet: &ToHost| {
+        matches!(packet, ToHost::Event(Event::Fault(report))
+        if report.fault == Fault::EmergencyStop)
+    };
     assert!(packets.iter().any(told));
     assert!(packets.iter().any(|packet| matches!(packet, ToHost::Response(response) if response.id == id)));
     assert_eq!(refusal(rig.ask(Command::ClearFaults)), Refusal::EmergencyStopPressed);
@@ -213,9 +215,8 @@ fn check_keeps_positions_and_finds_lost_steps() {
     assert_eq!(rig.ask(Command::MoveTo([100; 4])), Outcome::Done(Answer::At([100; 4])));
     rig.bench.borrow_mut().motors[1] += 9;
     assert_eq!(rig.ask(Command::CheckIndex), Outcome::Done(Answer::Checked([0, -9, 0, 2])));
-    assert!(
-        matches!(refusal(rig.ask(Command::MoveTo([0; 4]))), Refusal::Faulted(faults) if faults.contains(Fault::StepsLost))
-    );
+    assert!(matches!(refusal(rig.ask(Command::MoveTo([0; 4]))), Refusal::Faulted(faults)
+            if faults.contains(Fault::StepsLost)));
     rig.ask(Command::ClearFaults);
     assert_eq!(refusal(rig.ask(Command::MoveTo([0; 4]))), Refusal::PositionUnknown(Axis::Pan));
     assert_eq!(refusal(rig.ask(Command::CheckIndex)), Refusal::PositionUnknown(Axis::Pan));
@@ -240,9 +241,8 @@ fn stall_ceases_all_steps_and_positions_are_unknown() {
 fn homing_without_a_switch_fails_within_the_travel() {
     let mut rig = Rig::greeted(configuration());
     rig.bench.borrow_mut().motors[2] = 1_000_000;
-    assert!(
-        matches!(refusal(rig.ask(Command::Home)), Refusal::Faulted(faults) if faults.contains(Fault::HomingFailed))
-    );
+    assert!(matches!(refusal(rig.ask(Command::Home)), Refusal::Faulted(faults)
+            if faults.contains(Fault::HomingFailed)));
     assert!(rig.bench.borrow().steps[2].len() <= 4000);
 }
 
@@ -425,8 +425,9 @@ proptest! {
     }
 }
 
-/// Speed, acceleration and jerk at the emitted step times, which are whole µs; runs in one direction are told apart. The n-th
-/// divided difference times n! is a mean of the n-th derivative; steps 40 apart leave little of the rounding.
+/// Speed, acceleration and jerk at the emitted step times, which are whole µs; runs in one direction are told
+/// apart. The n-th divided difference times n! is a mean of the n-th derivative; steps 40 apart leave little
+/// of the rounding.
 fn check_limits(steps: &[(u64, bool)], p: &AxisParameters) -> Result<(), TestCaseError> {
     for run in steps.chunk_by(|a, b| a.1 == b.1) {
         for pair in run.windows(2) {

@@ -82,9 +82,8 @@ fn over_temperature_puts_the_lamp_out_stops_everything_and_drops_no_arm() {
     let mut rig = lit();
     let id = rig.begin(EXPOSE);
     rig.bench.borrow_mut().hot = true;
-    assert!(
-        matches!(refusal(rig.outcome(id)), Refusal::Faulted(faults) if faults.contains(Fault::OverTemperature))
-    );
+    assert!(matches!(refusal(rig.outcome(id)), Refusal::Faulted(faults)
+            if faults.contains(Fault::OverTemperature)));
     assert_eq!((rig.bench.borrow().lamp, rig.bench.borrow().enabled), (false, [true; 4]));
     // Cleared while it is still hot, it comes again.
     rig.ask(Command::ClearFaults);
@@ -199,7 +198,8 @@ fn fan_runs_while_the_lamp_burns_and_for_its_time_after_that() {
     assert_eq!((rig.bench.borrow().fan, rig.bench.borrow().now_us), (false, out_us + 300_000_000));
 }
 
-/// A lit rig whose board has a timer for the shutter and a converter that reads by itself, and whose lamp's dimmer shows.
+/// A lit rig whose board has a timer for the shutter and a converter that reads by itself, and whose lamp's
+/// dimmer shows.
 fn equipped() -> Rig {
     let rig = Rig::with_options(|options| options.timed_shutter = Some(Box::leak(Box::new(ShutterTimer))));
     rig.bench.borrow_mut().devices.reads_by_itself = true;

@@ -113,9 +113,8 @@ fn silent_host_ends_a_move_smoothly_and_dims_the_lamp() {
     rig.ask(Command::Lamp { on: true, level: 65535 });
     let began = rig.bench.borrow().now_us;
     let id = rig.begin(Command::MoveTo([0, 0, 5000, 0]));
-    assert!(
-        matches!(rig.outcome(id), Outcome::Refused(Refusal::Faulted(faults)) if faults.contains(Fault::LeaseExpired))
-    );
+    assert!(matches!(rig.outcome(id), Outcome::Refused(Refusal::Faulted(faults))
+            if faults.contains(Fault::LeaseExpired)));
     let last_step = rig.bench.borrow().steps[2].last().unwrap().0;
     // At rest after the lease and the ramp: 300 steps/s at 100 steps/s² and 2000 steps/s³.
     assert!((2_000_000..5_200_000).contains(&(last_step - began)), "{}", last_step - began);
@@ -135,7 +134,10 @@ fn burning_lamp_alone_holds_a_lease_and_its_end_is_told() {
     rig.ask(Command::Lamp { on: true, level: 65535 });
     assert_eq!(rig.next_event_us(), 3_000_000);
     assert!(rig.pass_event());
-    let told = |packet: &ToHost| matches!(packet, ToHost::Event(Event::Fault(report)) if report.fault == Fault::LeaseExpired);
+    let told = |packet: &ToHost| {
+        matches!(packet, ToHost::Event(Event::Fault(report))
+        if report.fault == Fault::LeaseExpired)
+    };
     assert!(rig.received().iter().any(told));
     assert_eq!((rig.bench.borrow().lamp, rig.bench.borrow().lamp_level), (false, 0));
     assert!(!rig.pass_event());

@@ -65,7 +65,10 @@ fn no_output_is_driven_before_its_wiring_is_known_whatever_happens() {
     // Nor do the words of every version, which are heard all the same.
     for command in [SafeCommand::Stop, SafeCommand::Darken] {
         rig.send(&ToController::Safe(command));
-        let answered = |packet: &ToHost| matches!(packet, ToHost::Safe(state) if state.command == command && !state.fault);
+        let answered = |packet: &ToHost| {
+            matches!(packet, ToHost::Safe(state)
+            if state.command == command && !state.fault)
+        };
         assert!(rig.received().iter().any(answered));
     }
     assert_eq!((rig.bench.borrow().writes, rig.bench.borrow().devices.wired), (0, None));

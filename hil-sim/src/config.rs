@@ -1,4 +1,5 @@
-//! What the simulated mechanics and lamp are like. The defaults are those of the source's rig (its Table 3.1).
+//! What the simulated mechanics and lamp are like. The defaults are those of the source's rig (its
+//! Table 3.1).
 
 use lobelia_protocol::{Alarm, AxisParameters, Configuration, HomeDirection, KEEP_OUTS, Pins, Settings};
 use serde::{Deserialize, Deserializer, Serialize};
@@ -23,8 +24,8 @@ pub struct MechanicsConfig {
     pub light: AxisMechanics,
     /// The lamp and its photodiode.
     pub lamp: LampConfig,
-    /// Whether the board has a timer for the shutter and a converter that reads the photodiode by itself, as the STM32F405 has; or else
-    /// the controller's polls do both.
+    /// Whether the board has a timer for the shutter and a converter that reads the photodiode by itself, as
+    /// the STM32F405 has; or else the controller's polls do both.
     pub timed_exposures: bool,
     /// Pins that are wired the other way round.
     #[serde(skip)]
@@ -197,8 +198,8 @@ impl AxisMechanics {
         }
     }
 
-    /// The light, from 10° to 175° from the camera. Its drive steps by ten of the table's motor counts of 1.6e-4°:
-    /// that is still 1/88 of its repeatability, and a tenth of the steps to simulate.
+    /// The light, from 10° to 175° from the camera. Its drive steps by ten of the table's motor counts
+    /// of 1.6e-4°: that is still 1/88 of its repeatability, and a tenth of the steps to simulate.
     pub fn light() -> Self {
         Self {
             degrees_per_step: 1.6e-3,

@@ -11,7 +11,8 @@ const MASTER: u8 = 0xFF;
 const IFCNT: usize = 0x02;
 const NODECONF: usize = 0x03;
 const SGTHRS: usize = 0x40;
-/// Of NODECONF: how long a driver waits before it replies. Below 2 is not for several on one wire: another may take the reply for a request.
+/// Of NODECONF: how long a driver waits before it replies. Below 2 is not for several on one wire: another
+/// may take the reply for a request.
 const LEAST_DELAY: u32 = 2 << 8;
 
 /// Four drivers with addresses 0 to 3.
@@ -29,7 +30,8 @@ impl Default for Drivers {
     }
 }
 
-/// Remainder of the message, as a polynomial whose first coefficient is the first byte's lowest bit, by x⁸ + x² + x + 1.
+/// Remainder of the message, as a polynomial whose first coefficient is the first byte's lowest bit, by x⁸ +
+/// x² + x + 1.
 fn checksum(bytes: &[u8]) -> u8 {
     let bits = bytes.iter().flat_map(|byte| (0..8).map(move |bit| u16::from(byte >> bit & 1)));
     let remainder = bits.chain([0; 8]).fold(0u16, |remainder, bit| {

@@ -1,4 +1,5 @@
-//! The lamp: warms up exponentially, drifts slowly, and is watched by a photodiode with noise and a 12-bit converter.
+//! The lamp: warms up exponentially, drifts slowly, and is watched by a photodiode with noise and a 12-bit
+//! converter.
 
 use crate::config::LampConfig;
 use crate::noise;

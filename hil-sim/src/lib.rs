@@ -1,8 +1,9 @@
-//! A simulated rig: the very firmware of the controller on a virtual clock, against simulated mechanics, lamp and link.
+//! A simulated rig: the very firmware of the controller on a virtual clock, against simulated mechanics, lamp
+//! and link.
 //!
-//! Time passes only while the host waits for bytes or lets it pass, and all scatter is a function of a seed and of what
-//! it scatters (a target, an instant), never of how many numbers were drawn before. So the same commands give
-//! the same truth, in one process or after a kill and a restart.
+//! Time passes only while the host waits for bytes or lets it pass, and all scatter is a function of a seed
+//! and of what it scatters (a target, an instant), never of how many numbers were drawn before. So the same
+//! commands give the same truth, in one process or after a kill and a restart.
 
 mod bench;
 pub mod config;

@@ -1,4 +1,5 @@
-//! The host's end of the simulated link: reading lets virtual time pass until a byte comes or the timeout is over.
+//! The host's end of the simulated link: reading lets virtual time pass until a byte comes or the timeout is
+//! over.
 
 use std::fmt;
 use std::io::{self, ErrorKind, Read, Write};

@@ -1,7 +1,8 @@
 //! One axis's mechanics: motor steps, play, hard stops and the home switch.
 //!
-//! The axis hangs between two flanks of the motor's gear: its position is anywhere in [motor, motor + play], so going up
-//! the motor pushes it along at the lower flank. Shared between pins and world by atomics, since a step has to be cheap.
+//! The axis hangs between two flanks of the motor's gear: its position is anywhere in [motor, motor + play],
+//! so going up the motor pushes it along at the lower flank. Shared between pins and world by atomics, since
+//! a step has to be cheap.
 
 use std::sync::atomic::{AtomicBool, AtomicI64, AtomicU64, Ordering::Relaxed};
 
@@ -119,7 +120,8 @@ impl Mechanism {
         self.steps.load(Relaxed)
     }
 
-    /// The true angle at rest in radians: that of the axis, plus the scatter that belongs to this motor position.
+    /// The true angle at rest in radians: that of the axis, plus the scatter that belongs to this motor
+    /// position.
     pub(crate) fn angle_rad(&self, seed: u64, axis: usize) -> f64 {
         let motor = self.motor.load(Relaxed) as u64;
         let scatter = noise::symmetric(&[seed, 0x5ca7, axis as u64, motor]) * self.scatter_rad;

@@ -50,7 +50,8 @@ pub(crate) fn peripherals(bench: &Arc<Bench>) -> Peripherals<SimulatedBoard> {
     }
 }
 
-/// What the simulated board has besides. Wire and memory are leaked, a few bytes at each start of the controller: a board's lives for ever.
+/// What the simulated board has besides. Wire and memory are leaked, a few bytes at each start of the
+/// controller: a board's lives for ever.
 pub(crate) fn options(bench: &Arc<Bench>) -> Options<SimulatedBoard> {
     let input = |role| Input { bench: Arc::clone(bench), role };
     let timer = || Box::leak(Box::new(ShutterTimer(Arc::clone(bench))));

@@ -57,8 +57,8 @@ impl SimulatedRig {
         self.lock().bench.now_us()
     }
 
-    /// Lets virtual time pass without commands, for a host that is still there: it keeps its lease. Does nothing if the
-    /// time is past.
+    /// Lets virtual time pass without commands, for a host that is still there: it keeps its lease. Does
+    /// nothing if the time is past.
     pub fn idle_until_us(&self, time_us: u64) {
         let mut world = self.lock();
         loop {
@@ -91,7 +91,8 @@ impl SimulatedRig {
         self.lock().bench.lamp().level()
     }
 
-    /// The true angles now of pan, tilt, roll and light in radians, errors included. They mean something at rest.
+    /// The true angles now of pan, tilt, roll and light in radians, errors included. They mean something at
+    /// rest.
     pub fn angles_rad(&self) -> [f64; 4] {
         self.lock().angles_rad()
     }
@@ -101,7 +102,8 @@ impl SimulatedRig {
         self.lock().bench.axes[axis.index()].steps()
     }
 
-    /// Steps that the drivers received since this was last asked, in order; they are traced from the first time on.
+    /// Steps that the drivers received since this was last asked, in order; they are traced from the first
+    /// time on.
     pub fn take_steps(&self) -> Vec<Step> {
         self.lock().take_steps()
     }
@@ -164,7 +166,8 @@ impl SimulatedRig {
         world.bench.to_controller.counts() + world.bench.to_host.counts()
     }
 
-    /// Has one way of the link lose `count` bytes once `after` more have passed: `u64::MAX` cuts it, 0 mends it.
+    /// Has one way of the link lose `count` bytes once `after` more have passed: `u64::MAX` cuts it, 0 mends
+    /// it.
     pub fn lose_bytes(&self, way: Way, after: u64, count: u64) {
         let world = self.lock();
         match way {

@@ -1,6 +1,8 @@
-//! Serves a simulated rig on TCP, one host at a time, so that a real host process can drive it through a real port.
+//! Serves a simulated rig on TCP, one host at a time, so that a real host process can drive it through a real
+//! port.
 //!
-//! Virtual time then follows real time, `speed` times as fast; so truths differ from run to run, unlike in one process.
+//! Virtual time then follows real time, `speed` times as fast; so truths differ from run to run, unlike in
+//! one process.
 
 use std::io::{self, ErrorKind, Read, Write};
 use std::net::{TcpListener, TcpStream};

@@ -33,7 +33,8 @@ struct Line {
     losing: u64,
 }
 
-/// One way of the link. When the next byte arrives is kept beside, since it is asked for at every step of a motor.
+/// One way of the link. When the next byte arrives is kept beside, since it is asked for at every step of a
+/// motor.
 #[derive(Debug)]
 pub(crate) struct Wire {
     line: Mutex<Line>,

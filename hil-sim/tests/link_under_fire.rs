@@ -1,6 +1,7 @@
-//! The link under fire: a host with several requests in flight, on a line that loses, changes, doubles, delays, swaps and invents
-//! bytes, is cut and mended, on a rig that faults and whose controller is reset in mid-move. What the rig truly did is compared
-//! with what the host was told: nothing that was not asked for, nothing twice, and every fault is told.
+//! The link under fire: a host with several requests in flight, on a line that loses, changes, doubles,
+//! delays, swaps and invents bytes, is cut and mended, on a rig that faults and whose controller is reset in
+//! mid-move. What the rig truly did is compared with what the host was told: nothing that was not asked for,
+//! nothing twice, and every fault is told.
 #![allow(clippy::unwrap_used, reason = "helpers of tests are tests")]
 
 use std::collections::{BTreeMap, HashMap};
@@ -271,7 +272,8 @@ impl Host {
         }
     }
 
-    /// Looks what the rig is like after something whose outcome can't be known, and what the controller says of it.
+    /// Looks what the rig is like after something whose outcome can't be known, and what the controller says
+    /// of it.
     fn take_stock(&mut self) {
         let Outcome::Done(Answer::Status(status)) = self.ask(Command::Status) else { panic!("no status") };
         assert_eq!((status.known, status.busy, status.faults.is_empty()), ([true; 4], false, true));
@@ -403,8 +405,9 @@ impl Host {
         assert_eq!(self.rig.lamp_level(), f64::from(self.believed.level) / 65535.0);
     }
 
-    /// Goes through the round's requests in order, and compares each exposure with what its forerunners should have led to. With
-    /// `broken_off` there may be exposures of true and asked durations (µs) that were not answered as done.
+    /// Goes through the round's requests in order, and compares each exposure with what its forerunners
+    /// should have led to. With `broken_off` there may be exposures of true and asked durations (µs) that
+    /// were not answered as done.
     fn compare_exposures(&mut self, broken_off: fn(u32, u32) -> bool) {
         let mut truths = self.rig.take_exposures().into_iter().peekable();
         let take_up = configuration().axes[0].take_up_steps;

@@ -130,7 +130,8 @@ proptest! {
         for pose in poses {
             let truth = expose(&rig, &mut host, pose, 0);
             for (axis, mechanics) in config.axes().into_iter().enumerate() {
-                let off = truth.axes_rad[axis].to_degrees() - f64::from(pose[axis]) * mechanics.degrees_per_step;
+                let off = truth.axes_rad[axis].to_degrees()
+                    - f64::from(pose[axis]) * mechanics.degrees_per_step;
                 prop_assert!(off.abs() <= mechanics.repeatability_deg + 1e-9, "axis {}: {} deg", axis, off);
             }
         }
@@ -330,7 +331,10 @@ fn driver_that_was_reset_at_rest_makes_its_position_unknown_before_it_is_set_up_
         rig.reset_driver(Axis::Pan);
         again(&mut host, &config);
         let outcome = host.ask(Command::MoveTo([200, 100, 100, 10_000]));
-        let lost = |outcome| matches!(outcome, Outcome::Refused(Refusal::Faulted(set)) if set.contains(Fault::DriverLost));
+        let lost = |outcome| {
+            matches!(outcome, Outcome::Refused(Refusal::Faulted(set))
+            if set.contains(Fault::DriverLost))
+        };
         let unknown = outcome == Outcome::Refused(Refusal::PositionUnknown(Axis::Pan));
         assert!(if number < 2 { unknown } else { lost(outcome) }, "{number}: {outcome:?}");
     }

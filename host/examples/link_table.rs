@@ -1,6 +1,8 @@
-//! Measures what a session of 100 poses costs on bad lines, on the simulated rig's clock, and writes the tables of `docs/link.md`.
+//! Measures what a session of 100 poses costs on bad lines, on the simulated rig's clock, and writes the
+//! tables of `docs/link.md`.
 //!
-//! `cargo xtask link-table`, or `cargo run --release -p lobelia --example link_table [FILE.md]`; without a file it prints them.
+//! `cargo xtask link-table`, or `cargo run --release -p lobelia --example link_table [FILE.md]`; without a
+//! file it prints them.
 
 use std::fmt::Write;
 use std::path::PathBuf;

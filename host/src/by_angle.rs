@@ -1,10 +1,12 @@
 //! Errors of prediction by angle, inside and outside the measured cone.
 //!
-//! A pair of directions lies in the measured cone of a plan when a pose is nearer to it, in the plan's own bi-angular distance, than
-//! the plan's spacing θ_d (3.3.2). A whole plan leaves no pair within its polar cuts farther from its poses than that; what lies
-//! outside is the model's own guess. Inside and outside, errors are told by the larger of θ_i and θ_o as well ([`BANDS_DEG`]).
+//! A pair of directions lies in the measured cone of a plan when a pose is nearer to it, in the plan's own
+//! bi-angular distance, than the plan's spacing θ_d (3.3.2). A whole plan leaves no pair within its polar
+//! cuts farther from its poses than that; what lies outside is the model's own guess. Inside and outside,
+//! errors are told by the larger of θ_i and θ_o as well ([`BANDS_DEG`]).
 //!
-//! The error of a texel is ‖f̂ − f‖ / ‖f‖ over the pairs of a zone and the channels; percentiles are over the texels.
+//! The error of a texel is ‖f̂ − f‖ / ‖f‖ over the pairs of a zone and the channels; percentiles are over the
+//! texels.
 
 use std::f64::consts::TAU;
 
@@ -87,7 +89,8 @@ pub struct Cone {
 }
 
 impl Cone {
-    /// The cone of poses as they were registered, directions at the sample's centre; those that were rejected are left out.
+    /// The cone of poses as they were registered, directions at the sample's centre; those that were rejected
+    /// are left out.
     pub fn of_poses(poses: &[PoseGeometry], plan: &Plan) -> Self {
         let kept = poses.iter().filter(|pose| pose.weight > 0.0);
         let pairs =
@@ -122,8 +125,8 @@ impl Cone {
         self.spacing_rad.to_degrees()
     }
 
-    /// The zone of a pair. `last` is the pose that was near the pair asked for before, which is tried first: pairs that follow
-    /// each other mostly lie near the same one.
+    /// The zone of a pair. `last` is the pose that was near the pair asked for before, which is tried first:
+    /// pairs that follow each other mostly lie near the same one.
     pub fn zone(&self, wi: Vec3, wo: Vec3, last: &mut usize) -> Zone {
         let pair = DirectionPair { wi: wi.as_dvec3(), wo: wo.as_dvec3() };
         let near = |pose: &DirectionPair| distance(*pose, pair, self.isotropic) <= self.spacing_rad;

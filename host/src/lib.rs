@@ -1,10 +1,10 @@
 //! Lobelia's host library: plans poses, drives the rig and its camera, develops photographs into reflectance,
 //! fits that with a few lobes per texel, and renders the result.
 //!
-//! The modules stand in crates of their own, named here together: lobelia-base, lobelia-reflectance, lobelia-measure,
-//! lobelia-gpu, lobelia-fit and lobelia-render. Arrows run one way: base ← reflectance ← measure, fit ← render; gpu ←
-//! fit, render. Here are what sees them all, the charts, the comparison with photographs and the demo, and the
-//! `lobelia` command. The simulator comes in with the feature `sim`.
+//! The modules stand in crates of their own, named here together: lobelia-base, lobelia-reflectance,
+//! lobelia-measure, lobelia-gpu, lobelia-fit and lobelia-render. Arrows run one way: base ← reflectance ←
+//! measure, fit ← render; gpu ← fit, render. Here are what sees them all, the charts, the comparison with
+//! photographs and the demo, and the `lobelia` command. The simulator comes in with the feature `sim`.
 
 pub mod acquire;
 pub mod by_angle;

@@ -106,19 +106,21 @@ pub struct LogLine {
     pub what: Happening,
 }
 
-/// What the controller tells unasked. An event is sent only while no answer waits, and not before the last one has left.
+/// What the controller tells unasked. An event is sent only while no answer waits, and not before the last
+/// one has left.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Event {
     /// A fault was raised.
     Fault(FaultReport),
     /// The controller crashed before it was started last. Told once, after a hello.
     Crashed(CrashRecord),
-    /// How things go, if the host watches. One that is overtaken by the next before it could be sent is left out.
+    /// How things go, if the host watches. One that is overtaken by the next before it could be sent is left
+    /// out.
     Telemetry(Telemetry),
     /// What happened, if the host watches.
     Log(LogLine),
-    /// The parameters that the controller started with were saved by an older program: those that it did not know have their defaults.
-    /// Told once, after a hello.
+    /// The parameters that the controller started with were saved by an older program: those that it did not
+    /// know have their defaults. Told once, after a hello.
     Migrated {
         /// Low half of the identity of what they were saved as.
         from: u32,

@@ -1,4 +1,5 @@
-//! Faults: what makes the controller stop everything and refuse to move until it is told that all is well again.
+//! Faults: what makes the controller stop everything and refuse to move until it is told that all is well
+//! again.
 
 use serde::{Deserialize, Serialize};
 
@@ -25,7 +26,8 @@ pub enum Fault {
     LampFailure,
     /// No request came for the time of the lease.
     LeaseExpired,
-    /// A step came later than by half the interval between steps: the controller could not keep up, and the motor may have lost it.
+    /// A step came later than by half the interval between steps: the controller could not keep up, and the
+    /// motor may have lost it.
     StepsLate,
     /// A home switch stayed closed over its whole width: it is stuck, or its wire is broken.
     SwitchStuck,

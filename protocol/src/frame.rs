@@ -1,7 +1,7 @@
 //! Frames: a payload and its CRC-32, wrapped by COBS so that the zero byte occurs only between frames.
 //!
-//! Each frame has a zero byte before it too: whatever a disturbed line left in the receiver's buffer then ends
-//! there as a frame of its own, and is refused, instead of spoiling the frame that follows.
+//! Each frame has a zero byte before it too: whatever a disturbed line left in the receiver's buffer then
+//! ends there as a frame of its own, and is refused, instead of spoiling the frame that follows.
 
 use crc::{CRC_32_ISO_HDLC, Crc};
 
@@ -47,8 +47,8 @@ pub fn encode(payload: &[u8]) -> Option<EncodedFrame> {
     Some(frame)
 }
 
-/// Finds frames in a stream of bytes, in a buffer of fixed size; after any disturbance it is in step again at the next
-/// delimiter.
+/// Finds frames in a stream of bytes, in a buffer of fixed size; after any disturbance it is in step again at
+/// the next delimiter.
 #[derive(Debug, Clone)]
 pub struct FrameDecoder {
     buffer: [u8; MAX_BODY],

@@ -1,13 +1,14 @@
-//! The few messages that programs of any two versions understand: a host may always stop the rig, darken it, and ask for its state. They need
-//! no session, do no harm when they are repeated, and renew no lease. Their layout is fixed for ever; a later version may only append bytes,
-//! commands and bits.
+//! The few messages that programs of any two versions understand: a host may always stop the rig, darken it,
+//! and ask for its state. They need no session, do no harm when they are repeated, and renew no lease. Their
+//! layout is fixed for ever; a later version may only append bytes, commands and bits.
 //!
 //! | byte | 0 | 1–4 | 5 | 6–7 | 8–11 | 12–27 |
 //! |---|---|---|---|---|---|---|
 //! | to the controller | kind 3 | `SAFE` | command | | | |
 //! | to the host | kind 3 | `SAFE` | the same command | state | time since the start, s | positions in steps: pan, tilt, roll, light |
 //!
-//! Numbers are little-endian. A command that the controller does not know does nothing and is answered all the same.
+//! Numbers are little-endian. A command that the controller does not know does nothing and is answered all
+//! the same.
 
 use crate::AXES;
 

@@ -1,5 +1,5 @@
-//! The hello that opens a session. Its layout is fixed for ever, so programs of any two versions understand it and
-//! can say which versions they are; a later version may only append bytes.
+//! The hello that opens a session. Its layout is fixed for ever, so programs of any two versions understand
+//! it and can say which versions they are; a later version may only append bytes.
 //!
 //! | byte | 0 | 1–4 | 5–12 | 13–16 | 17–20 | 21 |
 //! |---|---|---|---|---|---|---|

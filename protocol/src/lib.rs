@@ -1,9 +1,10 @@
 //! Messages and frames between the host and the rig's controller: what goes over the wire, and nothing else.
 //!
-//! A message is written with postcard, followed by its CRC-32, wrapped by COBS and set between zero bytes ([`frame`]).
-//! A session starts with a [`hello`], whose layout never changes, so that two programs of different versions can
-//! name both; but for a few messages that are [`frozen`] nothing else is understood before the schemas are known to be equal. All set points are absolute and
-//! each request bears an id, so a repeated request does no harm ([`message`]).
+//! A message is written with postcard, followed by its CRC-32, wrapped by COBS and set between zero bytes
+//! ([`frame`]). A session starts with a [`hello`], whose layout never changes, so that two programs of
+//! different versions can name both; but for a few messages that are [`frozen`] nothing else is understood
+//! before the schemas are known to be equal. All set points are absolute and each request bears an id, so a
+//! repeated request does no harm ([`message`]).
 #![no_std]
 
 pub mod axis;

@@ -26,23 +26,26 @@ impl Configuration {
 
 /// What the host asks for.
 ///
-/// Requests are run one after the other, in the order of their ids: one that comes while another is being run waits for its
-/// turn, together with at most three more, and is answered as running meanwhile. A request that was sent before the host had
-/// seen that one before it was refused is skipped: it was meant for what did not come to be. [`Self::Status`], [`Self::Stop`], [`Self::Lamp`],
-/// [`Self::ClearFaults`], [`Self::Retarget`], [`Self::ReadAxis`], [`Self::ReadSettings`], [`Self::ReadKeepOuts`], [`Self::ReadHealth`] and
+/// Requests are run one after the other, in the order of their ids: one that comes while another is being run
+/// waits for its turn, together with at most three more, and is answered as running meanwhile. A request that
+/// was sent before the host had seen that one before it was refused is skipped: it was meant for what did not
+/// come to be. [`Self::Status`], [`Self::Stop`], [`Self::Lamp`], [`Self::ClearFaults`], [`Self::Retarget`],
+/// [`Self::ReadAxis`], [`Self::ReadSettings`], [`Self::ReadKeepOuts`], [`Self::ReadHealth`] and
 /// [`Self::Watch`] don't wait.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Command {
-    /// Sets the rig's parameters: these, and of each axis those that were prepared in this session, or else those that it has.
-    /// Positions become unknown if anything differs from what was set.
+    /// Sets the rig's parameters: these, and of each axis those that were prepared in this session, or else
+    /// those that it has. Positions become unknown if anything differs from what was set.
     Configure(Settings),
     /// Finds the home switches of all axes at once. Answered when done.
     Home,
     /// Moves all axes to absolute positions, in steps. Answered when all are there and settled.
     MoveTo([i32; AXES]),
-    /// Decelerates all axes to rest and closes the shutter. Positions stay known. What waits is refused as stopped.
+    /// Decelerates all axes to rest and closes the shutter. Positions stay known. What waits is refused as
+    /// stopped.
     Stop,
-    /// Switches the lamp. It is only switched on once parameters are set: without them nothing would put it out again.
+    /// Switches the lamp. It is only switched on once parameters are set: without them nothing would put it
+    /// out again.
     Lamp {
         /// Burning or not.
         on: bool,
@@ -60,21 +63,23 @@ pub enum Command {
     Status,
     /// Forgets the faults; positions stay unknown until the next homing.
     ClearFaults,
-    /// Like [`Self::MoveTo`], but also while a move is being run, which is then answered as stopped, as is what waits: axes whose
-    /// new target lies ahead go on to it, the others brake and turn.
+    /// Like [`Self::MoveTo`], but also while a move is being run, which is then answered as stopped, as is
+    /// what waits: axes whose new target lies ahead go on to it, the others brake and turn.
     Retarget([i32; AXES]),
-    /// Homes like [`Self::Home`], but approaches each switch slowly so many times, 1 to 100, and reports how the edges scatter.
+    /// Homes like [`Self::Home`], but approaches each switch slowly so many times, 1 to 100, and reports how
+    /// the edges scatter.
     HomeRepeatedly {
         /// How many times.
         approaches: u8,
     },
-    /// Looks for the home switches as homing does, but keeps the positions, and reports how many steps were lost since. More
-    /// than the tolerance is a fault.
+    /// Looks for the home switches as homing does, but keeps the positions, and reports how many steps were
+    /// lost since. More than the tolerance is a fault.
     CheckIndex,
-    /// Stores the configuration, to be there after the next power-up. Refused while the lamp burns: writing holds the controller
-    /// up for as long as a second.
+    /// Stores the configuration, to be there after the next power-up. Refused while the lamp burns: writing
+    /// holds the controller up for as long as a second.
     SaveParameters,
-    /// Keeps an axis's parameters for the next [`Self::Configure`] of this session, if they are in range; changes nothing else.
+    /// Keeps an axis's parameters for the next [`Self::Configure`] of this session, if they are in range;
+    /// changes nothing else.
     PrepareAxis {
         /// Which axis.
         axis: Axis,
@@ -92,7 +97,8 @@ pub enum Command {
         /// Whether to tell what happens as log lines.
         log: bool,
     },
-    /// Homes like [`Self::HomeRepeatedly`], but only some axes; the others stay where they are and keep their positions.
+    /// Homes like [`Self::HomeRepeatedly`], but only some axes; the others stay where they are and keep their
+    /// positions.
     HomeAxes {
         /// Which axes.
         axes: [bool; AXES],
@@ -101,7 +107,8 @@ pub enum Command {
     },
     /// Asks how well the controller keeps up.
     ReadHealth,
-    /// Keeps the keep-outs for the next [`Self::Configure`] of this session, which judges them; changes nothing else.
+    /// Keeps the keep-outs for the next [`Self::Configure`] of this session, which judges them; changes
+    /// nothing else.
     PrepareKeepOuts([Option<KeepOut>; KEEP_OUTS]),
     /// Asks for the keep-outs that are set.
     ReadKeepOuts,
@@ -134,7 +141,8 @@ pub struct Request {
     pub session: u32,
     /// 1 for the session's first request, then one more for each; a repetition bears the same.
     pub id: u32,
-    /// The answers to all requests up to this id have come to the host; less than `id`, and at least `id` − 8.
+    /// The answers to all requests up to this id have come to the host; less than `id`, and at least `id`
+    /// − 8.
     pub seen: u32,
     /// What to do.
     pub command: Command,
@@ -254,8 +262,8 @@ pub enum Refusal {
         /// By how much, µs.
         late_us: u32,
     },
-    /// Too many requests are in flight: the id is too far ahead of the last one, or too many wait for their turn. Nothing came of
-    /// it, not even a mark on its id: it may be sent again.
+    /// Too many requests are in flight: the id is too far ahead of the last one, or too many wait for their
+    /// turn. Nothing came of it, not even a mark on its id: it may be sent again.
     OutOfWindow,
     /// The controller has no memory for parameters, or it can't be written.
     NoStorage,
@@ -273,7 +281,8 @@ pub enum Refusal {
     },
     /// Parameters can only be saved at rest and with the lamp off.
     NotAtRest,
-    /// These two axes would come where they must not be together: at the target, on the way, or while one of them is homed.
+    /// These two axes would come where they must not be together: at the target, on the way, or while one of
+    /// them is homed.
     KeepOut {
         /// One.
         first: Axis,
@@ -321,8 +330,8 @@ pub enum Field {
     Alarm,
     /// `inverted`: pins that are not an axis's among an axis's, or the other way round.
     Wiring,
-    /// `keep_outs`: of one axis twice, with an interval whose ends are in the wrong order, or where the axis that is homed first would
-    /// stand in the other's way.
+    /// `keep_outs`: of one axis twice, with an interval whose ends are in the wrong order, or where the axis
+    /// that is homed first would stand in the other's way.
     KeepOut,
 }
 

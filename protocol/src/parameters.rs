@@ -1,4 +1,5 @@
-//! What a controller has to know of its rig. A change here changes what the bytes mean, as in [`crate::message`].
+//! What a controller has to know of its rig. A change here changes what the bytes mean, as in
+//! [`crate::message`].
 
 use serde::{Deserialize, Serialize};
 
@@ -31,10 +32,11 @@ pub struct AxisParameters {
     pub acceleration: u32,
     /// Highest change of acceleration, steps/s³.
     pub jerk: u32,
-    /// Steps of a full turn, on an axis that can turn round and round: a move then goes the shorter way, and the limits
-    /// hold for the position within the turn. 0 on any other axis.
+    /// Steps of a full turn, on an axis that can turn round and round: a move then goes the shorter way, and
+    /// the limits hold for the position within the turn. 0 on any other axis.
     pub full_turn_steps: u32,
-    /// Length of the approach in the positive direction that ends each move, in steps; more than the backlash.
+    /// Length of the approach in the positive direction that ends each move, in steps; more than the
+    /// backlash.
     pub take_up_steps: u32,
     /// Rest after a move before it counts as done, in ms.
     pub settle_ms: u16,
@@ -48,8 +50,8 @@ pub struct AxisParameters {
     pub home_slow_speed: u32,
     /// How far to back off from the switch before the slow search, in steps.
     pub home_back_off: u32,
-    /// How far the axis can go with its switch closed, from the edge to the hard stop, in steps. A switch that stays closed over
-    /// this and the back-off is stuck, or its wire is broken.
+    /// How far the axis can go with its switch closed, from the edge to the hard stop, in steps. A switch
+    /// that stays closed over this and the back-off is stuck, or its wire is broken.
     pub home_switch_steps: u32,
     /// Axes with a lower number are homed before those with a higher one; those with the same together.
     pub home_order: u8,
@@ -57,7 +59,8 @@ pub struct AxisParameters {
     pub home_travel: u32,
     /// The switch counts as closed or open once it has been so for this long, in µs.
     pub home_debounce_us: u16,
-    /// A check of the position passes when the switch's edge is found this near to where it should be, in steps.
+    /// A check of the position passes when the switch's edge is found this near to where it should be, in
+    /// steps.
     pub index_tolerance: u16,
     /// How its driver is set up; nothing for one that is set up by its own pins.
     pub driver: Option<DriverParameters>,
@@ -67,12 +70,13 @@ pub struct AxisParameters {
     pub alarm: Alarm,
     /// The alarm input counts once it has been active for this long, in µs; 0 takes the shortest pulse.
     pub alarm_debounce_us: u16,
-    /// Whole turns that a full-turn axis may be wound up beyond its limits, either way, counted from where it was switched on: what its
-    /// cables bear. A move goes the shorter way that keeps within them.
+    /// Whole turns that a full-turn axis may be wound up beyond its limits, either way, counted from where it
+    /// was switched on: what its cables bear. A move goes the shorter way that keeps within them.
     pub most_turns: u8,
 }
 
-/// How an axis's TMC2209, whose address is the axis's number, is set up over the controller's wire to the drivers.
+/// How an axis's TMC2209, whose address is the axis's number, is set up over the controller's wire to the
+/// drivers.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub struct DriverParameters {
     /// Current of a phase while the motor turns, mA RMS.
@@ -111,11 +115,11 @@ pub enum DriverTrouble {
 pub struct Settings {
     /// How long the lamp has to burn until it is warm, in s.
     pub lamp_warm_up_s: u16,
-    /// In an exposure that needs the warm lamp, a mean reading of the photodiode below this, for full level, means that the lamp
-    /// has failed; counts, 0 to not look.
+    /// In an exposure that needs the warm lamp, a mean reading of the photodiode below this, for full level,
+    /// means that the lamp has failed; counts, 0 to not look.
     pub lamp_least_reading: u16,
-    /// Without a request for this long while something is being run, the controller stops smoothly, puts the lamp to its safe
-    /// level and raises a fault; ms, 0 for never.
+    /// Without a request for this long while something is being run, the controller stops smoothly, puts the
+    /// lamp to its safe level and raises a fault; ms, 0 for never.
     pub lease_ms: u32,
     /// The same while the lamp burns, ms.
     pub lamp_lease_ms: u32,
@@ -128,10 +132,11 @@ pub struct Settings {
     pub fan_run_on_s: u16,
     /// How long an exposure waits for the camera to be ready, where the board has an input for that, in ms.
     pub camera_wait_ms: u16,
-    /// Whether the axes of a move arrive all at once, each slowed down to the slowest one's time; or else each as soon as it
-    /// can.
+    /// Whether the axes of a move arrive all at once, each slowed down to the slowest one's time; or else
+    /// each as soon as it can.
     pub coordinated: bool,
-    /// Shortest time that a step pin stays high, and low between two steps, in µs: the longest that any of the drivers wants.
+    /// Shortest time that a step pin stays high, and low between two steps, in µs: the longest that any of
+    /// the drivers wants.
     pub pulse_us: u8,
     /// Shortest time from a change of an axis's direction pin to its next step, in µs.
     pub direction_setup_us: u8,
@@ -139,7 +144,8 @@ pub struct Settings {
     pub inverted: Pins,
 }
 
-/// Where two axes must not be together: the first within one interval while the second is within another, both with their ends, in steps.
+/// Where two axes must not be together: the first within one interval while the second is within another,
+/// both with their ends, in steps.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub struct KeepOut {
     /// One axis.

@@ -86,6 +86,7 @@ pub enum Alarm {
     None,
     /// The driver has failed for as long as it is active (ALARM, ERR): a fault at any time.
     Level,
-    /// The motor has stalled, though it is active for an instant only (DIAG of TMC drivers): a fault while the axis moves.
+    /// The motor has stalled, though it is active for an instant only (DIAG of TMC drivers): a fault while
+    /// the axis moves.
     Edge,
 }

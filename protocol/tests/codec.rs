@@ -230,13 +230,15 @@ proptest! {
 
     #[test]
     fn any_request_survives(session in any::<u32>(), id in any::<u32>(), steps in any::<[i32; 4]>()) {
-        let message = ToController::Request(Request { session, id, seen: !id, command: Command::MoveTo(steps) });
+        let message = ToController::Request(Request { session, id, seen: !id,
+            command: Command::MoveTo(steps) });
         let payload = payloads(&message.encode().unwrap()).remove(0).unwrap();
         prop_assert_eq!(ToController::decode(&payload), Ok(message));
     }
 
     #[test]
-    fn frame_after_any_rubbish_is_found(rubbish in vec(any::<u8>(), 0..1200), payload in vec(any::<u8>(), 1..50)) {
+    fn frame_after_any_rubbish_is_found(rubbish in vec(any::<u8>(), 0..1200),
+        payload in vec(any::<u8>(), 1..50)) {
         let mut bytes = rubbish;
         bytes.extend_from_slice(&frame::encode(&payload).unwrap());
         prop_assert_eq!(payloads(&bytes).pop(), Some(Ok(payload)));

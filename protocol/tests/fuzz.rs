@@ -1,6 +1,8 @@
-//! Any bytes as frames and packets: mutations of a corpus, each read by the decoder and by a second, plain one.
+//! Any bytes as frames and packets: mutations of a corpus, each read by the decoder and by a second, plain
+//! one.
 //!
-//! A loop on stable Rust, without the compiler's coverage: inputs that decode to a kind of message not met before join the corpus.
+//! A loop on stable Rust, without the compiler's coverage: inputs that decode to a kind of message not met
+//! before join the corpus.
 #![allow(clippy::unwrap_used, reason = "helpers of tests are tests")]
 
 mod samples;

@@ -9,8 +9,8 @@ use std::time::SystemTime;
 /// Folders whose sources the command is built from.
 const SOURCES: [&str; 5] = ["host", "hil-sim", "firmware", "protocol", "shaders"];
 
-/// The command's executable of the profile that this test was built with; built first when it is missing or older than
-/// its sources.
+/// The command's executable of the profile that this test was built with; built first when it is missing or
+/// older than its sources.
 pub fn executable() -> &'static Path {
     static BUILT: OnceLock<PathBuf> = OnceLock::new();
     BUILT.get_or_init(|| {
@@ -93,7 +93,8 @@ pub fn succeed<S: AsRef<OsStr>>(folder: &Path, arguments: &[S]) -> String {
 }
 
 impl Said {
-    /// Asserts an exit code and, beside warnings, exactly one sentence on standard error that holds every one of `parts`.
+    /// Asserts an exit code and, beside warnings, exactly one sentence on standard error that holds every one
+    /// of `parts`.
     pub fn refuses(&self, code: i32, parts: &[&str]) {
         assert_eq!(self.code, Some(code), "{self:?}");
         let lines: Vec<&str> = self.stderr.lines().filter(|line| !line.starts_with("warning: ")).collect();

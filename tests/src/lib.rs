@@ -1,5 +1,5 @@
-//! Helpers of the end-to-end tests: the `lobelia` command, rigs small enough to run dozens of times, folders compared byte
-//! for byte, damaged files, rigs on TCP that misbehave, and boards in QEMU.
+//! Helpers of the end-to-end tests: the `lobelia` command, rigs small enough to run dozens of times, folders
+//! compared byte for byte, damaged files, rigs on TCP that misbehave, and boards in QEMU.
 
 #![allow(clippy::unwrap_used, clippy::expect_used, reason = "a helper that fails is a test that fails")]
 

@@ -1,5 +1,5 @@
-//! Damaged files: a reader is given mutations of sound ones and must read each or refuse it in one sentence, within memory that the
-//! file's length bounds.
+//! Damaged files: a reader is given mutations of sound ones and must read each or refuse it in one sentence,
+//! within memory that the file's length bounds.
 
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::Path;
@@ -142,8 +142,9 @@ impl Sound {
     }
 }
 
-/// Gives mutations of the corpus to `read`, each written to its name in `folder`; `named` is what the error must name, the file itself
-/// if it is empty. Panics with the seed and the file left in place where a reader does not keep its promise.
+/// Gives mutations of the corpus to `read`, each written to its name in `folder`; `named` is what the error
+/// must name, the file itself if it is empty. Panics with the seed and the file left in place where a reader
+/// does not keep its promise.
 pub fn survives(
     folder: &Path,
     corpus: &[Sound],

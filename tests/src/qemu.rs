@@ -1,5 +1,5 @@
-//! The boards' programs in QEMU: a serial port on a unix socket, and a watcher of pins through QEMU's qtest protocol, which tells
-//! each edge from outside the emulated chip.
+//! The boards' programs in QEMU: a serial port on a unix socket, and a watcher of pins through QEMU's qtest
+//! protocol, which tells each edge from outside the emulated chip.
 
 use std::io::{self, BufRead, BufReader, Read, Write};
 use std::os::unix::net::UnixStream;
@@ -47,7 +47,8 @@ pub struct Qemu {
     steps_told: Option<u32>,
 }
 
-/// The program for QEMU of a board, if it was built and QEMU is there; else prints why not, and panics under CI.
+/// The program for QEMU of a board, if it was built and QEMU is there; else prints why not, and panics under
+/// CI.
 pub fn program(board: &str) -> Option<PathBuf> {
     let root = Path::new(env!("CARGO_MANIFEST_DIR")).parent().unwrap();
     let program = root.join("target/firmware/qemu").join(board);
@@ -144,7 +145,8 @@ impl Qemu {
         }
     }
 
-    /// The program's trace of steps since this was last asked, none the first time; times count from the first.
+    /// The program's trace of steps since this was last asked, none the first time; times count from the
+    /// first.
     pub fn steps(&mut self) -> Vec<Step> {
         /// The trace's clock wraps at so many bits.
         const CLOCK: u32 = (1 << 29) - 1;

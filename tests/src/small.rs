@@ -13,8 +13,8 @@ use lobelia_hil_sim::optics::SampleLayout;
 /// Sensor size relative to the default rig's.
 const SCALE: f64 = 0.5;
 
-/// A rig with a sensor of 400 × 300 pixels and `texels` across the sample; repeatability, backlash and lamp drift are on,
-/// as by default.
+/// A rig with a sensor of 400 × 300 pixels and `texels` across the sample; repeatability, backlash and lamp
+/// drift are on, as by default.
 pub fn rig(texels: usize) -> RigConfig {
     let mut rig = RigConfig::default();
     rig.carrier.texels_across = texels;

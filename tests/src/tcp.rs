@@ -1,4 +1,5 @@
-//! Rigs on TCP: a simulated one with its camera, a line that spoils bytes or breaks, and a controller of another version.
+//! Rigs on TCP: a simulated one with its camera, a line that spoils bytes or breaks, and a controller of
+//! another version.
 
 use std::io::{Cursor, Read, Write};
 use std::net::{Shutdown, SocketAddr, TcpListener, TcpStream};
@@ -55,12 +56,14 @@ pub struct ServedRig {
 }
 
 impl ServedRig {
-    /// Serves the rig that `config` describes; its camera writes into `photographs`. Lives as long as the test's process.
+    /// Serves the rig that `config` describes; its camera writes into `photographs`. Lives as long as the
+    /// test's process.
     pub fn start(config: &RigConfig, photographs: &Path) -> Self {
         Self::start_with(config, photographs, dutiful)
     }
 
-    /// The same with a camera of which `store` says what files it stores of the exposure of a number, from 1 on.
+    /// The same with a camera of which `store` says what files it stores of the exposure of a number, from 1
+    /// on.
     pub fn start_with(
         config: &RigConfig,
         photographs: &Path,
@@ -116,15 +119,15 @@ pub fn bad_line(to: SocketAddr, rates: FaultRates, seed: u64) -> SocketAddr {
     relay(to, move |stream, way| Box::new(FaultyLink::new(stream, rates, seed + way)), || true)
 }
 
-/// A line to a rig that breaks, once, at the first word from the host after `now` says so; hosts that connect later
-/// find it mended.
+/// A line to a rig that breaks, once, at the first word from the host after `now` says so; hosts that connect
+/// later find it mended.
 pub fn breaking_line(to: SocketAddr, now: impl Fn() -> bool + Send + Sync + 'static) -> SocketAddr {
     let broke = AtomicBool::new(false);
     relay(to, |stream, _| Box::new(stream), move || !now() || broke.swap(true, Ordering::Relaxed))
 }
 
-/// Passes bytes both ways between hosts and a rig. `wrap` sees the reading end of each way, `goes_on` is asked
-/// whenever the host has sent something.
+/// Passes bytes both ways between hosts and a rig. `wrap` sees the reading end of each way, `goes_on` is
+/// asked whenever the host has sent something.
 fn relay(
     to: SocketAddr,
     wrap: impl Fn(TcpStream, u64) -> Box<dyn Read + Send> + Send + 'static,
@@ -158,7 +161,8 @@ fn pump(mut from: Box<dyn Read + Send>, mut to: &TcpStream, goes_on: &dyn Fn() -
     let _ = to.shutdown(Shutdown::Both);
 }
 
-/// A controller of another version: answers hellos only. Gives its address and what it was sent besides hellos.
+/// A controller of another version: answers hellos only. Gives its address and what it was sent besides
+/// hellos.
 pub fn other_version() -> (SocketAddr, Arc<AtomicUsize>) {
     let (listener, address) = listener();
     let requests = Arc::new(AtomicUsize::new(0));

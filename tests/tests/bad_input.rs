@@ -1,4 +1,5 @@
-//! Bad input and failures through the command: the exit code, one sentence that says where, and nothing half-written.
+//! Bad input and failures through the command: the exit code, one sentence that says where, and nothing
+//! half-written.
 
 #![allow(clippy::unwrap_used, reason = "helpers of tests are tests")]
 
@@ -266,7 +267,8 @@ fn options_that_make_no_sense_are_bad_input() {
     assert!(folder::listing(folder.path()).is_empty());
 }
 
-/// /proc takes no files, whoever asks. What is refused must be refused before the work: nothing else is wrong with these commands.
+/// /proc takes no files, whoever asks. What is refused must be refused before the work: nothing else is wrong
+/// with these commands.
 #[cfg(target_os = "linux")]
 #[test]
 fn an_output_that_cannot_be_written_is_told_before_the_work_and_a_folder_that_is_missing_is_made() {
@@ -307,8 +309,9 @@ fn a_material_goes_with_the_simulated_camera_alone() {
 /// A scene of one mesh, a few pixels.
 fn scene(folder: &Path, name: &str, object: &str) {
     let text = format!(
-        "[camera]\nposition = [0, 1, 6]\ntarget = [0, 0, 0]\nfov_deg = 40\nwidth = 8\nheight = 6\n\
-         [[light]]\nkind = \"directional\"\ntoward = [1, 1, 1]\nirradiance = [3, 3, 3]\n[[object]]\n{object}\n"
+        "[camera]\nposition = [0, 1, 6]\ntarget = [0, 0, 0]\nfov_deg = 40\nwidth = 8\nheight = \
+         6\n[[light]]\nkind = \"directional\"\ntoward = [1, 1, 1]\nirradiance = [3, 3, \
+         3]\n[[object]]\n{object}\n"
     );
     fs::write(folder.join(name), text).unwrap();
 }
@@ -345,7 +348,8 @@ fn what_of_a_mesh_is_no_surface_is_told_to_be_left_out() {
     }
 }
 
-/// Rays meet triangles in single precision, in which the volumes of such a sphere are infinite: the picture would never end.
+/// Rays meet triangles in single precision, in which the volumes of such a sphere are infinite: the picture
+/// would never end.
 #[test]
 fn an_object_larger_than_can_be_drawn_and_values_of_another_kind_are_refused_in_words() {
     let folder = tempfile::tempdir().unwrap();

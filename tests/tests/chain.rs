@@ -1,4 +1,5 @@
-//! The whole chain: the demo as a process, samples whose truth is known, and every command as a user would type them.
+//! The whole chain: the demo as a process, samples whose truth is known, and every command as a user would
+//! type them.
 
 #![allow(clippy::unwrap_used, reason = "helpers of tests are tests")]
 
@@ -61,7 +62,8 @@ fn the_small_demo_meets_its_bounds() {
     let lobes = [("method", Value::from("separable")), ("lobes", Value::from(2))];
     let reflectance = error_value(&report, "relative_rms_reflectance", &lobes);
     assert!(reflectance < 0.06, "two lobes are off by {reflectance}");
-    // One lobe by any method is off by more; every percentile is there, over all texels and over each material's.
+    // One lobe by any method is off by more; every percentile is there, over all texels and over each
+    // material's.
     for (method, lobes) in
         [("line-search", 1), ("line-search-scaled", 1), ("lm", 1), ("separable", 1), ("lm", 2)]
     {
@@ -113,8 +115,8 @@ fn the_demo_is_the_same_on_one_thread_byte_for_byte() {
     assert_same_results(&folder.path().join("all"), &folder.path().join("one"));
 }
 
-/// Relative errors of a developed run's valid samples against `truth` of texel, light and view; texels that `of`
-/// refuses are left out.
+/// Relative errors of a developed run's valid samples against `truth` of texel, light and view; texels that
+/// `of` refuses are left out.
 fn sample_errors(
     sampled: &SampledSbrdf,
     of: impl Fn(usize) -> bool,
@@ -263,8 +265,8 @@ fn renderings_of_the_true_map_are_the_photographs_and_those_of_another_map_are_n
 
 #[test]
 fn both_thread_directions_of_a_weave_come_back_with_their_own_reflectance() {
-    /// From thread to thread, and how far from a thread's edge samples count: more than the resampling filter's
-    /// reach at the most oblique view.
+    /// From thread to thread, and how far from a thread's edge samples count: more than the resampling
+    /// filter's reach at the most oblique view.
     const PITCH_MM: f64 = 32.0;
     const MARGIN_MM: f64 = 9.0;
     let folder = tempfile::tempdir().unwrap();
@@ -333,7 +335,8 @@ fn type_the_chain(path: &Path, options: &str) {
 
     lobelia("plan rig.toml --budget 24 --anisotropic -o plan.toml --report plan.json");
     lobelia(
-        "acquire plan.toml --rig rig.toml --port sim --camera sim --material material.toml -o run --report acquire.json",
+        "acquire plan.toml --rig rig.toml --port sim --camera sim --material material.toml -o run --report \
+         acquire.json",
     );
     lobelia("develop run -o sampled.zarr --report develop.json");
     lobelia("fit sampled.zarr -o material.exr --lobes 1 --report fit.json");

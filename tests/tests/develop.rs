@@ -13,7 +13,8 @@ use lobelia::sampled::SampledSbrdf;
 use lobelia_tests::command::{run, succeed};
 use lobelia_tests::{folder, small};
 
-/// A finished run of `poses` poses, all with the same exposures, so that nothing but the photographs tells them apart.
+/// A finished run of `poses` poses, all with the same exposures, so that nothing but the photographs tells
+/// them apart.
 fn measured(poses: usize) -> tempfile::TempDir {
     let folder = tempfile::tempdir().unwrap();
     let rig = small::rig(8);
@@ -212,7 +213,8 @@ fn a_rig_that_the_controller_refuses_is_not_planned_for() {
         .refuses(2, &["rig.toml: the rig's controller refuses the home position of pan"]);
 }
 
-/// From a third of the highest speed the axis would need 10° to stop, and 8° behind the switch's edge it cannot go on.
+/// From a third of the highest speed the axis would need 10° to stop, and 8° behind the switch's edge it
+/// cannot go on.
 #[test]
 fn a_rig_that_brakes_softly_loses_no_steps_when_it_looks_for_its_switches() {
     let folder = tempfile::tempdir().unwrap();
@@ -286,7 +288,8 @@ fn a_run_that_is_one_photograph_late_is_refused_and_told_so_and_a_single_such_po
     assert!(!path.join("sampled.zarr").exists());
 }
 
-/// The same photographs by another lens: the store says by which, texels and region are those asked for, and a part is the whole's.
+/// The same photographs by another lens: the store says by which, texels and region are those asked for, and
+/// a part is the whole's.
 #[test]
 fn a_run_is_developed_again_by_other_settings_which_the_store_keeps_beside_the_runs_own() {
     let folder = measured(4);
@@ -379,7 +382,8 @@ fn what_is_there_of_a_run_is_developed_and_what_is_not_is_named() {
     run(path, &[&develop[..], &["--skip-pose", "4-9"]].concat()).refuses(2, &["pose 6 is not in the plan"]);
 }
 
-/// Killed between its last photograph and its last look at the home switches, which alone tells of steps that the light's arm lost.
+/// Killed between its last photograph and its last look at the home switches, which alone tells of steps that
+/// the light's arm lost.
 #[test]
 fn a_run_whose_last_check_is_still_to_come_is_not_taken_for_a_finished_one() {
     let folder = measured(2);

@@ -1,4 +1,5 @@
-//! What people hand in, through the command: odd tables and names, sizes that no machine holds, and what a file says of how it was made.
+//! What people hand in, through the command: odd tables and names, sizes that no machine holds, and what a
+//! file says of how it was made.
 
 #![allow(clippy::unwrap_used, reason = "helpers of tests are tests")]
 
@@ -14,7 +15,8 @@ fn case(name: &str) -> PathBuf {
     root().join("tests/cases").join(name)
 }
 
-/// Tables of one row, of equal rows, of zeros, at the horizon, in degrees, with commas: finite numbers or one sentence.
+/// Tables of one row, of equal rows, of zeros, at the horizon, in degrees, with commas: finite numbers or one
+/// sentence.
 #[test]
 fn degenerate_tables_give_finite_fits_or_one_sentence() {
     let folder = tempfile::tempdir().unwrap();

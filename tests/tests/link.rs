@@ -20,8 +20,8 @@ use lobelia_tests::command::{Said, lobelia, run};
 use lobelia_tests::tcp::{self, ServedRig};
 use lobelia_tests::{folder, small};
 
-/// A folder with inputs and an empty `photos`. The rig's axes go exactly where they are sent, so that a move can be told
-/// from another; its lamp is warm after seconds.
+/// A folder with inputs and an empty `photos`. The rig's axes go exactly where they are sent, so that a move
+/// can be told from another; its lamp is warm after seconds.
 fn inputs(poses: usize) -> (tempfile::TempDir, RigConfig, Plan) {
     let folder = tempfile::tempdir().unwrap();
     let mut rig = small::rig(8);
@@ -78,8 +78,8 @@ fn a_run_over_tcp_photographs_every_pose_of_the_plan_once() {
     assert_planned(&exposures, &rig, &plan);
 }
 
-/// What cameras did to others: a shot whose photograph never comes, one that is black, one that comes with the next, the previous one
-/// again instead of a new one, a JPEG beside each.
+/// What cameras did to others: a shot whose photograph never comes, one that is black, one that comes with
+/// the next, the previous one again instead of a new one, a JPEG beside each.
 #[test]
 fn a_run_with_a_camera_that_loses_delays_and_repeats_photographs_ends_with_the_right_ones() {
     let (folder, rig, plan) = inputs(5);
@@ -174,7 +174,8 @@ fn a_cable_pulled_out_is_a_failure_that_a_resumed_run_makes_good() {
     assert_eq!(frames.len(), all, "{frames:?}");
 }
 
-/// The host is gone for longer than the lease: the controller stops, dims the lamp and keeps the fault until someone clears it.
+/// The host is gone for longer than the lease: the controller stops, dims the lamp and keeps the fault until
+/// someone clears it.
 #[test]
 fn a_run_whose_host_died_can_be_resumed_after_the_lease_and_says_what_it_cleared() {
     let (folder, rig, plan) = inputs(4);
@@ -196,7 +197,8 @@ const SAFE_LEVEL: f64 = 0.25;
 /// An axis at its highest speed is at rest after this: 60°/s at 120°/s² and 1200°/s³.
 const BRAKING_US: u64 = 700_000;
 
-/// Starts a run on a new rig and kills it after a time, if it has not ended; gives the rig, and how long the process lived.
+/// Starts a run on a new rig and kills it after a time, if it has not ended; gives the rig, and how long the
+/// process lived.
 fn killed_after(time: Duration) -> (SimulatedRig, Duration) {
     let (folder, mut rig, plan) = inputs(3);
     (rig.motion.lease_s, rig.lamp.lease_s, rig.lamp.safe_level) = (LEASE_S, LEASE_S, SAFE_LEVEL);
@@ -221,8 +223,8 @@ fn steps(rig: &SimulatedRig) -> [u64; 4] {
     Axis::ALL.map(|axis| rig.steps_received(axis))
 }
 
-/// A rig whose host has just died is safe once the lease is over, and at rest once it has braked. True if there was anything to make
-/// safe by then.
+/// A rig whose host has just died is safe once the lease is over, and at rest once it has braked. True if
+/// there was anything to make safe by then.
 fn assert_safe_within_the_lease(rig: &SimulatedRig) -> bool {
     let end_us = rig.now_us() + (LEASE_S * 1e6) as u64;
     rig.abandon_until_us(end_us - 20_000);

@@ -1,4 +1,5 @@
-//! The boards' very programs, for their own processors, in QEMU: the host's client drives them over a serial port.
+//! The boards' very programs, for their own processors, in QEMU: the host's client drives them over a serial
+//! port.
 
 #![cfg(unix)]
 #![allow(clippy::unwrap_used, reason = "helpers of tests are tests")]
@@ -150,7 +151,8 @@ fn step_edges_seen_outside_the_chip_are_the_steps_commanded() {
     assert_room_for_stack(&mut qemu, &mut client);
 }
 
-/// The stack is at the beginning of RAM, and painted at the start; the controller tells how much of it was used.
+/// The stack is at the beginning of RAM, and painted at the start; the controller tells how much of it was
+/// used.
 fn assert_room_for_stack(qemu: &mut Qemu, client: &mut RigClient) {
     const STACK: usize = 28 * 1024;
     let untouched = qemu.memory(0x2000_0000, STACK).into_iter().take_while(|&byte| byte == 0xCC).count();
@@ -162,7 +164,8 @@ fn assert_room_for_stack(qemu: &mut Qemu, client: &mut RigClient) {
     assert!(told[0] as usize <= STACK - untouched && told[0] as usize > STACK / 4, "{told:?}");
 }
 
-/// At the boards' own speeds no step is late by more than a motor bears, whatever is planned: homings, moves, stops and new targets of all axes.
+/// At the boards' own speeds no step is late by more than a motor bears, whatever is planned: homings, moves,
+/// stops and new targets of all axes.
 fn steps_are_in_time(machine: Machine) {
     let Some(program) = program(machine.board) else { return };
     let mut qemu = Qemu::load(machine, &program);
@@ -345,7 +348,8 @@ fn emergency_stop_of_the_f405_is_a_fault_by_its_interrupt_alone() {
     client.home().unwrap();
 }
 
-/// The same rig as the one modelled beside the emulated chip: a step is a degree, the switch 300 steps below the start.
+/// The same rig as the one modelled beside the emulated chip: a step is a degree, the switch 300 steps below
+/// the start.
 fn simulated_rig() -> SimulatedRig {
     let mut config = MechanicsConfig::ideal();
     for axis in [&mut config.pan, &mut config.tilt, &mut config.roll, &mut config.light] {

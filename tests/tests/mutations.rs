@@ -1,5 +1,6 @@
-//! Every reader of every format against 10,000 mutations of small sound files (`cargo xtask long`: 30 s each): it reads a file or refuses
-//! it in one sentence with its name and exit code 2, does not panic, and asks for no more memory than [`MOST_MEMORY`].
+//! Every reader of every format against 10,000 mutations of small sound files (`cargo xtask long`: 30 s
+//! each): it reads a file or refuses it in one sentence with its name and exit code 2, does not panic, and
+//! asks for no more memory than [`MOST_MEMORY`].
 //!
 //! MERL's tables, of 35 MB each, are mutated in memory: `lobelia-reflectance`, `table::merl`.
 
@@ -79,7 +80,8 @@ macro_rules! readers {
 readers! {
     damaged_maps_are_read_or_refused, maps_for_long: maps(), |path| map(SbrdfMap::read_exr(path));
     damaged_openexr_environments_are_read_or_refused, openexr_for_long: pictures(), environment;
-    damaged_radiance_environments_are_read_or_refused, radiance_for_long: cases("hdr", &[".hdr"]), environment;
+    damaged_radiance_environments_are_read_or_refused, radiance_for_long: cases("hdr", &[".hdr"]),
+        environment;
     damaged_photographs_are_read_or_refused, photographs_for_long: photographs(), photo;
     damaged_obj_meshes_are_read_or_refused, obj_for_long: cases("obj", &[".obj"]), mesh;
     damaged_ply_meshes_are_read_or_refused, ply_for_long: ply(), mesh;
@@ -216,7 +218,8 @@ fn ply() -> Vec<Sound> {
 
 /// Documents with their buffers within them, and one in the binary container.
 fn gltf() -> Vec<Sound> {
-    let json = r#"{"asset":{"version":"2.0"},"scene":0,"scenes":[{"nodes":[0]}],"nodes":[{"mesh":0,"scale":[1,2,3]}],
+    let json = r#"{"asset":{"version":"2.0"},"scene":0,"scenes":[{"nodes":[0]}],"nodes":[{"mesh":0,
+    "scale":[1,2,3]}],
         "meshes":[{"primitives":[{"attributes":{"POSITION":0}}]}],
         "accessors":[{"bufferView":0,"componentType":5126,"count":3,"type":"VEC3"}],
         "bufferViews":[{"buffer":0,"byteLength":36}],"buffers":[{"byteLength":36}]}"#;
@@ -236,8 +239,9 @@ fn gltf() -> Vec<Sound> {
 
 /// Cornell's tables and ALTA's, text and binary.
 fn tables() -> Vec<Sound> {
-    let mut binary = b"#ALTA_BEGIN_HEADER\n#DIM 3 3\n#PARAM_IN ISOTROPIC_TL_TV_PROJ_DPHI\n#PARAM_OUT RGB_COLOR\n#VERSION 0\n\
-        #FORMAT binary\n#ENDIAN little\n#PRECISION ieee754-double\n#SAMPLE_COUNT 2\n#ALTA_END_HEADER\n"
+    let mut binary = b"#ALTA_BEGIN_HEADER\n#DIM 3 3\n#PARAM_IN ISOTROPIC_TL_TV_PROJ_DPHI\n#PARAM_OUT \
+         RGB_COLOR\n#VERSION 0\n#FORMAT binary\n#ENDIAN little\n#PRECISION ieee754-double\n#SAMPLE_COUNT \
+         2\n#ALTA_END_HEADER\n"
         .to_vec();
     for number in [0.1f64, 0.2, 0.0, 0.3, 0.2, 0.1, 0.5, 0.1, 1.0, 0.3, 0.2, 0.1] {
         binary.extend(number.to_le_bytes());
@@ -265,12 +269,12 @@ fn plans() -> Vec<Sound> {
 }
 
 fn scenes() -> Vec<Sound> {
-    let text = "[camera]\nposition = [0, 1, 4]\ntarget = [0, 0, 0]\nfov_deg = 40\nwidth = 64\nheight = 48\n\
-        [[object]]\nmesh = \"plane\"\nmaterial.published = \"clay\"\nscale = [1, 2, 1]\nrotate_deg = [10, 0, 0]\n\
-        [[light]]\nkind = \"directional\"\ntoward = [1, 1, 1]\nirradiance = [3, 3, 3]\n\
-        [[light]]\nkind = \"point\"\nposition = [1, 2, 1]\nintensity = [3, 3, 3]\n\
-        [animation]\nframes = 4\n[[animation.key]]\nposition = [0, 1, 4]\ntarget = [0, 0, 0]\n\
-        [[animation.key]]\nposition = [1, 1, 4]\ntarget = [0, 0, 0]\nfov_deg = 30\n";
+    let text = "[camera]\nposition = [0, 1, 4]\ntarget = [0, 0, 0]\nfov_deg = 40\nwidth = 64\nheight = \
+         48\n[[object]]\nmesh = \"plane\"\nmaterial.published = \"clay\"\nscale = [1, 2, 1]\nrotate_deg = \
+         [10, 0, 0]\n[[light]]\nkind = \"directional\"\ntoward = [1, 1, 1]\nirradiance = [3, 3, \
+         3]\n[[light]]\nkind = \"point\"\nposition = [1, 2, 1]\nintensity = [3, 3, 3]\n[animation]\nframes = \
+         4\n[[animation.key]]\nposition = [0, 1, 4]\ntarget = [0, 0, 0]\n[[animation.key]]\nposition = [1, \
+         1, 4]\ntarget = [0, 0, 0]\nfov_deg = 30\n";
     let sound = Sound::new("scene.toml", text);
     let folder = tempfile::tempdir().unwrap();
     std::fs::write(folder.path().join(&sound.name), text).unwrap();
@@ -279,9 +283,9 @@ fn scenes() -> Vec<Sound> {
 }
 
 fn recipes() -> Vec<Sound> {
-    let text = "[pattern]\nkind = \"checks\"\nsize_mm = 4\n[[material]]\npublished = \"felt\"\nbeta_deg = 30\n\
-        [[material]]\nrho_d = [0.1, 0.2, 0.3]\nnormal = [0.1, 0.0]\n\
-        [[material.lobe]]\nrho_s = [0.1, 0.1, 0.1]\nc = [-1, -1, 0.9]\nn = 12\nn_grazing = 30\n";
+    let text = "[pattern]\nkind = \"checks\"\nsize_mm = 4\n[[material]]\npublished = \"felt\"\nbeta_deg = \
+         30\n[[material]]\nrho_d = [0.1, 0.2, 0.3]\nnormal = [0.1, 0.0]\n[[material.lobe]]\nrho_s = [0.1, \
+         0.1, 0.1]\nc = [-1, -1, 0.9]\nn = 12\nn_grazing = 30\n";
     small::recipe(text);
     vec![Sound::new("material.toml", text)]
 }

@@ -42,8 +42,8 @@ impl Reference {
         self.folder.path().join("run")
     }
 
-    /// What a kill leaves when `records` whole records are in the journal: their frames, then `torn` bytes of the next
-    /// line, and of the next record's frames what `debris` says.
+    /// What a kill leaves when `records` whole records are in the journal: their frames, then `torn` bytes of
+    /// the next line, and of the next record's frames what `debris` says.
     fn killed(&self, to: &Path, records: usize, torn: usize, debris: Debris) {
         fs::create_dir_all(to.join("frames")).unwrap();
         let copy = |file: &str| {

@@ -1,4 +1,5 @@
-//! A motor that slips in the middle of a run: the check finds it, the poses since the last good one are named and photographed anew.
+//! A motor that slips in the middle of a run: the check finds it, the poses since the last good one are named
+//! and photographed anew.
 
 #![allow(clippy::unwrap_used, reason = "helpers of tests are tests")]
 

@@ -134,7 +134,8 @@ fn poses_in_a_plane_and_few_poses_are_told_before_the_run_and_after_it() {
     assert!(has(&kinds, "few_poses") && lines.concat().contains("5 poses"), "{lines:?}");
 }
 
-/// Zarr stores f64 as they are in memory: the file of a chunk can be changed in place where it is not compressed.
+/// Zarr stores f64 as they are in memory: the file of a chunk can be changed in place where it is not
+/// compressed.
 fn set_light(store: &Path, pose: usize, place: DVec3) {
     let chunk = store.join("light_position_mm/c/0/0");
     let mut bytes = fs::read(&chunk).unwrap();

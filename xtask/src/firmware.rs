@@ -1,4 +1,5 @@
-//! The boards' programs: built, measured, compared with a snapshot, put where the tests look for them, and flashed.
+//! The boards' programs: built, measured, compared with a snapshot, put where the tests look for them, and
+//! flashed.
 
 mod elf;
 mod rates;
@@ -162,8 +163,8 @@ fn stack_room(program: &Elf) -> Option<u32> {
     value("_stack_start")?.checked_sub(value("_stack_end")?)
 }
 
-/// What `cargo xtask test` needs: the programs for QEMU, and sizes as in the snapshot. Without a compiler or QEMU it says so and
-/// goes on, unless under CI.
+/// What `cargo xtask test` needs: the programs for QEMU, and sizes as in the snapshot. Without a compiler or
+/// QEMU it says so and goes on, unless under CI.
 pub(crate) fn for_tests() -> Result<()> {
     println!("xtask: the boards' programs");
     let boards: Vec<_> = BOARDS.iter().collect();
@@ -234,7 +235,8 @@ pub(crate) fn flash(arguments: impl Iterator<Item = String>) -> Result<()> {
     let flashing = Flashing::parse(arguments)?;
     if Command::new("probe-rs").arg("--version").output().is_err() {
         bail!(
-            "probe-rs writes the program, and it is not there; https://probe.rs/docs/getting-started/installation tells how to get it"
+            "probe-rs writes the program, and it is not there; \
+             https://probe.rs/docs/getting-started/installation tells how to get it"
         );
     }
     let board = flashing.board;

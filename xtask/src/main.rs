@@ -1,5 +1,6 @@
 //! Project tasks, run as `cargo xtask TASK`.
 
+mod columns;
 mod figures;
 mod firmware;
 mod packages;
@@ -13,31 +14,38 @@ use anyhow::{Result, bail};
 
 const HELP: &str = "cargo xtask TASK
 
-  test    formatting, clippy, documentation, and all unit, property, end-to-end and doc tests; tells what each step took
+  test    formatting, clippy, documentation, and all unit, property, end-to-end and doc tests;
+          tells what each step took
+  columns lines of Rust files beyond 110 columns, comments and strings too
   long    the long sweeps that `test` leaves out
   firmware [--board lm3s6965|stm32f405] [--update] [--rates]
-          builds the boards' programs with clippy, prints and checks their sizes (--update renews the snapshot);
-          --rates counts the instructions of a step
+          builds the boards' programs with clippy, prints and checks their sizes (--update renews the
+          snapshot); --rates counts the instructions of a step
   figures [--check|--quick|--long] [--only TEXT|COMMAND]… [--update] [--reuse]
-          measures the figures of README.md and docs again that take a few minutes (--long: all, --quick: seconds), and fails with old and new
-          value if one is no longer so; --check only compares the texts with docs/figures.toml; --update writes new values into the texts;
-          --reuse takes what an earlier run left in target/figures
+          measures the figures of README.md and docs again that take a few minutes (--long: all, --quick:
+          seconds), and fails with old and new value if one is no longer so; --check only compares the
+          texts with docs/figures.toml; --update writes new values into the texts; --reuse takes what an
+          earlier run left in target/figures
   link-table  measures sessions on bad lines on the simulated rig's clock, and writes them into docs/link.md
   flash [--board B] [--probe VID:PID[:SERIAL]]
-          writes a board's program, the stm32f405's unless told otherwise, by probe-rs, and leaves stored parameters as they are
+          writes a board's program, the stm32f405's unless told otherwise, by probe-rs, and leaves stored
+          parameters as they are
   peers [fit|render|environment]
-          runs independent implementations on the same data: the fit beside SciPy and Ceres, pictures beside Mitsuba 3,
-          prefiltered environments beside Filament's cmgen (python3 and LLVM's shared library are needed)
+          runs independent implementations on the same data: the fit beside SciPy and Ceres, pictures
+          beside Mitsuba 3, prefiltered environments beside Filament's cmgen (python3 and LLVM's shared
+          library are needed)
   help    this text
 
-`test` installs the software Vulkan driver that the GPU tests need when it runs as root on a Debian-like machine, and
-names it otherwise; without it those tests are skipped and say so. So it does with QEMU and a compiler for the boards, without
-which the tests of the boards' programs are skipped, or fail where the environment has CI=true.";
+`test` installs the software Vulkan driver that the GPU tests need when it runs as root on a Debian-like
+machine, and names it otherwise; without it those tests are skipped and say so. So it does with QEMU and a
+compiler for the boards, without which the tests of the boards' programs are skipped, or fail where the
+environment has CI=true.";
 
 fn main() -> ExitCode {
     let task = std::env::args().nth(1);
     let done = match task.as_deref() {
         Some("test") => test(),
+        Some("columns") => columns::check(),
         Some("long") => long(),
         Some("figures") => figures::task(std::env::args().skip(2)),
         Some("firmware") => firmware::task(std::env::args().skip(2)),
@@ -67,6 +75,8 @@ fn test() -> Result<()> {
     let start = Instant::now();
     packages::ensure_vulkan_driver();
     step("formatting", &["fmt", "--all", "--check"], &[])?;
+    println!("xtask: columns of comments and strings: cargo xtask columns");
+    columns::check()?;
     let clippy = ["clippy", "--workspace", "--all-targets", "--quiet", "--", "-D", "warnings"];
     step("clippy", &clippy, &[])?;
     step(

@@ -70,8 +70,8 @@ pub(crate) fn can_install() -> bool {
     is_root() && Path::new("/usr/bin/apt-get").exists()
 }
 
-/// Installs packages, of a suite if one is named. An old list of packages may name versions that are gone, so it is
-/// renewed first.
+/// Installs packages, of a suite if one is named. An old list of packages may name versions that are gone, so
+/// it is renewed first.
 pub(crate) fn install(packages: &[&str], suite: Option<&str>) -> bool {
     let mut arguments = vec!["install", "-y", "-q", "--no-install-recommends"];
     arguments.extend(suite.iter().flat_map(|suite| ["-t", suite]));

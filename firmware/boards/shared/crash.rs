@@ -7,8 +7,8 @@ use lobelia_board_support::crash::{CrashCause, CrashRecord};
 
 use crate::{kept, pins};
 
-/// A fault with the stack this near to its end is taken for the stack's overflow: the frame that the processor pushes, with
-/// floating-point registers, and what a function pushes at once.
+/// A fault with the stack this near to its end is taken for the stack's overflow: the frame that the
+/// processor pushes, with floating-point registers, and what a function pushes at once.
 const NEAR_END: usize = 256;
 /// Where an exception's frame has the program counter.
 const PC: usize = 6;
@@ -35,7 +35,8 @@ fn panic(info: &PanicInfo<'_>) -> ! {
 pub(crate) fn interrupted_at(stack: *const u32) -> u32 {
     let all = (&raw const _stack_end)..(&raw const _stack_start);
     let at = stack.wrapping_add(PC);
-    // SAFETY: the address is aligned, as stack pointers are, and in the stack, which is all memory; any bits are a number.
+    // SAFETY: the address is aligned, as stack pointers are, and in the stack, which is all memory; any bits
+    // are a number.
     if all.contains(&at) && at.is_aligned() { unsafe { at.read_volatile() } } else { 0 }
 }
 

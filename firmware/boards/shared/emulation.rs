@@ -1,4 +1,5 @@
-//! What a test does to the emulated board from outside: reads the trace of steps, and asks for a crash by a number in kept memory.
+//! What a test does to the emulated board from outside: reads the trace of steps, and asks for a crash by a
+//! number in kept memory.
 
 use lobelia_board_support::trace::Trace;
 
@@ -13,7 +14,8 @@ pub fn start() {
     TRACE.start();
 }
 
-/// Crashes if a test has asked for it: 1 panics, 2 overflows the stack, 3 runs what is no instruction, 4 hangs.
+/// Crashes if a test has asked for it: 1 panics, 2 overflows the stack, 3 runs what is no instruction, 4
+/// hangs.
 pub fn obey() {
     let trigger = kept::read(kept::TRIGGER);
     if trigger == 0 {

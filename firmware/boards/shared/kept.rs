@@ -47,7 +47,8 @@ pub(crate) fn take_crash() -> Option<CrashRecord> {
     record
 }
 
-/// Parameters in kept memory, for emulation, which models no flash that can be written. They outlive a reset, not a power cut.
+/// Parameters in kept memory, for emulation, which models no flash that can be written. They outlive a reset,
+/// not a power cut.
 #[cfg(feature = "qemu")]
 #[derive(Debug)]
 pub(crate) struct KeptSlots;

@@ -1,7 +1,7 @@
 //! What the board tells of itself: the stack's high-water mark, and bytes that nobody took in time.
 //!
-//! The start-up code paints the stack. Each turn of the main loop looks at a few words of what is still painted, so the mark is found a few
-//! hundred turns after it was set.
+//! The start-up code paints the stack. Each turn of the main loop looks at a few words of what is still
+//! painted, so the mark is found a few hundred turns after it was set.
 
 use core::sync::atomic::{AtomicU32, AtomicUsize, Ordering::Relaxed};
 

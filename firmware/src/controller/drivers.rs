@@ -9,9 +9,9 @@ use crate::driver::tmc2209::Tmc2209;
 use crate::homing::Purpose;
 
 impl<B: Board> Controller<B> {
-    /// Sets up each driver that has parameters. It takes 7 ms an axis, in which nothing else is done. The position of
-    /// one that did not have just these is unknown from then on: it was reset at rest, so its arm may have moved, or
-    /// its steps become others.
+    /// Sets up each driver that has parameters. It takes 7 ms an axis, in which nothing else is done. The
+    /// position of one that did not have just these is unknown from then on: it was reset at rest, so its arm
+    /// may have moved, or its steps become others.
     pub(super) fn set_up_drivers(&mut self, configuration: &Configuration) -> Result<(), Refusal> {
         for (axis, parameters) in Axis::ALL.into_iter().zip(&configuration.axes) {
             let Some(settings) = &parameters.driver else { continue };
@@ -42,8 +42,8 @@ impl<B: Board> Controller<B> {
         kept().or_else(|_| kept()) == Ok(true)
     }
 
-    /// The first axis whose driver has lost its settings, or does not answer when it is asked again. It takes two requests a driver, 2 ms at
-    /// 115 200 baud.
+    /// The first axis whose driver has lost its settings, or does not answer when it is asked again. It takes
+    /// two requests a driver, 2 ms at 115 200 baud.
     pub(super) fn lost_driver(&mut self) -> Option<Axis> {
         let configuration = self.configuration?;
         let lost = |axis: &Axis| {

@@ -1,5 +1,5 @@
-//! The lease: a host that has gone silent must not leave the rig moving or the lamp burning at full level. And whatever the host says,
-//! the lamp burns no longer than it may.
+//! The lease: a host that has gone silent must not leave the rig moving or the lamp burning at full level.
+//! And whatever the host says, the lamp burns no longer than it may.
 
 use lobelia_protocol::{Configuration, Event, Fault, FaultReport, Refusal};
 
@@ -13,8 +13,8 @@ impl<B: Board> Controller<B> {
         self.heard_us = now_us;
     }
 
-    /// When the lease ends unless something is heard before, in µs; never while nothing moves and the lamp is off, or once
-    /// it has ended.
+    /// When the lease ends unless something is heard before, in µs; never while nothing moves and the lamp is
+    /// off, or once it has ended.
     pub(super) fn lease_end_us(&self) -> u64 {
         let Some(Configuration { settings, .. }) = &self.configuration else { return u64::MAX };
         if self.safety.faults().contains(Fault::LeaseExpired) {

@@ -1,5 +1,5 @@
-//! The part of the controller that has to do with axes: what may begin a move, how axes move together, and what each step can
-//! give away.
+//! The part of the controller that has to do with axes: what may begin a move, how axes move together, and
+//! what each step can give away.
 
 use core::array;
 
@@ -42,8 +42,8 @@ impl<B: Board> Controller<B> {
         Ok(Task::Home(purpose, axes, searches))
     }
 
-    /// Refuses to home axes that earlier homings have wound up by over a turn more than moves may: each that finds
-    /// nothing adds one.
+    /// Refuses to home axes that earlier homings have wound up by over a turn more than moves may: each that
+    /// finds nothing adds one.
     fn check_winding(&mut self, configuration: &Configuration, axes: [bool; AXES]) -> Result<(), Refusal> {
         let positions = self.positions();
         let too_far = |axis: &Axis| {
@@ -53,7 +53,8 @@ impl<B: Board> Controller<B> {
         Axis::ALL.into_iter().find(too_far).map_or(Ok(()), |axis| Err(Refusal::OutOfLimits(axis)))
     }
 
-    /// Begins to home those of the chosen axes that have not begun and are first in the order; false when all have.
+    /// Begins to home those of the chosen axes that have not begun and are first in the order; false when all
+    /// have.
     pub(super) fn home_next(
         &mut self,
         now_us: u64,
@@ -178,7 +179,8 @@ impl<B: Board> Controller<B> {
         };
         self.check_positions()?;
         check_limits(configuration, targets)?;
-        // Braking leads nowhere where the move would not have come, nor does what follows beyond the take-up below its target.
+        // Braking leads nowhere where the move would not have come, nor does what follows beyond the take-up
+        // below its target.
         let sweeps: [Sweep; AXES] = array::from_fn(|k| {
             let below = targets[k].saturating_sub_unsigned(configuration.axes[k].take_up_steps);
             keep_out::hull(self.swept[k], [below, targets[k]])
@@ -198,7 +200,8 @@ impl<B: Board> Controller<B> {
         Ok(Task::Turn { targets })
     }
 
-    /// Goes on with what the axis does, and minds what made it cease; tells whether it waits for another poll to change its plan.
+    /// Goes on with what the axis does, and minds what made it cease; tells whether it waits for another poll
+    /// to change its plan.
     pub(super) fn advance_axis(&mut self, now_us: u64, axis: Axis, task: &mut Task) -> Result<bool, Fault> {
         let drive = &mut self.axes[axis.index()];
         let pulses = &mut self.pulses;
@@ -234,7 +237,8 @@ impl<B: Board> Controller<B> {
         Ok(false)
     }
 
-    /// Plans for the axis that would run out of steps first, one a poll: what that takes never adds up over all axes.
+    /// Plans for the axis that would run out of steps first, one a poll: what that takes never adds up over
+    /// all axes.
     pub(super) fn plan_ahead(&mut self, now_us: u64) {
         let pulses = &mut self.pulses;
         let runs_out = |axis: &AxisDrive<B>| axis.runs_out(pulses, now_us);

@@ -1,4 +1,5 @@
-//! The part of the controller that has to do with requests: whose turn it is, what is run at once, and what is answered.
+//! The part of the controller that has to do with requests: whose turn it is, what is run at once, and what
+//! is answered.
 
 use core::array;
 
@@ -167,7 +168,8 @@ impl<B: Board> Controller<B> {
             }
             Command::SaveParameters => {
                 let configuration = self.configured()?;
-                // Nothing is being run, but the lamp may burn: nobody could put it out while the memory is written.
+                // Nothing is being run, but the lamp may burn: nobody could put it out while the memory is
+                // written.
                 if self.lamp.is_on() {
                     return Err(Refusal::NotAtRest.into());
                 }

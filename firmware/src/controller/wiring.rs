@@ -1,6 +1,8 @@
-//! The part of the controller that has to do with how the rig is wired: which pins are inverted, and the alarm inputs.
+//! The part of the controller that has to do with how the rig is wired: which pins are inverted, and the
+//! alarm inputs.
 //!
-//! Which level of an output is off is not known before there are parameters. Until then the controller drives none, and pulls outside decide.
+//! Which level of an output is off is not known before there are parameters. Until then the controller drives
+//! none, and pulls outside decide.
 
 use core::array;
 
@@ -41,7 +43,8 @@ impl<B: Board> Controller<B> {
         Axis::ALL.into_iter().find(missing).map_or(Ok(()), |axis| Err(refused(axis)))
     }
 
-    /// Tells the pins how they are wired. Where that is news all outputs are put off by it, and only then driven.
+    /// Tells the pins how they are wired. Where that is news all outputs are put off by it, and only then
+    /// driven.
     pub(super) fn wire(&mut self, now_us: u64, configuration: &Configuration) -> Result<(), PinFailure> {
         let alarms = self.options.alarms.unwrap_or(&self.own_alarms);
         for (k, p) in configuration.axes.iter().enumerate() {
@@ -67,8 +70,8 @@ impl<B: Board> Controller<B> {
         done
     }
 
-    /// Looks at the alarm inputs of the axes that have one. A failed driver is a fault of its axis, moving or not; a stall one while
-    /// it moves.
+    /// Looks at the alarm inputs of the axes that have one. A failed driver is a fault of its axis, moving or
+    /// not; a stall one while it moves.
     pub(super) fn mind_alarms(&mut self, now_us: u64) {
         for axis in Axis::ALL {
             let k = axis.index();

@@ -1,5 +1,6 @@
-//! Stepper drivers that are set up over a wire, where the board has one ([`crate::Options::drivers`]): when parameters are set, and
-//! before each homing, since a driver forgets when its supply is cut. After each move they are asked whether they have. Their stall outputs are alarm inputs ([`crate::safety::alarm`]).
+//! Stepper drivers that are set up over a wire, where the board has one ([`crate::Options::drivers`]): when
+//! parameters are set, and before each homing, since a driver forgets when its supply is cut. After each move
+//! they are asked whether they have. Their stall outputs are alarm inputs ([`crate::safety::alarm`]).
 
 pub mod tmc2209;
 

@@ -1,5 +1,5 @@
-//! The TMC2209 by its one-wire UART: datagrams with a CRC-8, and the few registers that set current, microsteps and stall threshold
-//! (its datasheet, sections 4 and 5).
+//! The TMC2209 by its one-wire UART: datagrams with a CRC-8, and the few registers that set current,
+//! microsteps and stall threshold (its datasheet, sections 4 and 5).
 
 use lobelia_protocol::{DriverParameters, DriverTrouble};
 
@@ -21,12 +21,13 @@ mod register {
     pub(super) const CHOPCONF: u8 = 0x6C;
 }
 
-/// `pdn_disable` and `mstep_reg_select`, over the defaults: the UART and its microsteps instead of pins, current not by the analog input.
+/// `pdn_disable` and `mstep_reg_select`, over the defaults: the UART and its microsteps instead of pins,
+/// current not by the analog input.
 const GCONF: u32 = 1 << 6 | 1 << 7;
 /// As after power-up, interpolating to 256 microsteps, but for the microsteps taken in.
 const CHOPCONF: u32 = 0x1000_0053;
-/// A driver waits so long, 3 × 8 bit times, before it replies: with several on one wire another could take a reply that comes at once for a
-/// request.
+/// A driver waits so long, 3 × 8 bit times, before it replies: with several on one wire another could take a
+/// reply that comes at once for a request.
 const NODECONF: u32 = 2 << 8;
 /// Steps of the current's slow fall to the hold current, each 2¹⁸ clocks.
 const HOLD_DELAY: u32 = 8;

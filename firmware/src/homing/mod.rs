@@ -1,12 +1,14 @@
-//! Homing of one axis, and checking without forgetting: seek the switch, back off, seek again slowly, and take the switch's
-//! edge for the position that the configuration gives it; or compare the two.
+//! Homing of one axis, and checking without forgetting: seek the switch, back off, seek again slowly, and
+//! take the switch's edge for the position that the configuration gives it; or compare the two.
 //!
-//! The edge is always measured upward: with the switch at the lower end, as it opens on the way out; with the switch at
-//! the upper end, as it closes on the way in. So the play is on the same side as after every move. An edge counts once
-//! the switch has kept its new state for the debounce time; its position is that of the first step that saw it.
+//! The edge is always measured upward: with the switch at the lower end, as it opens on the way out; with the
+//! switch at the upper end, as it closes on the way in. So the play is on the same side as after every move.
+//! An edge counts once the switch has kept its new state for the debounce time; its position is that of the
+//! first step that saw it.
 //!
-//! Only the first search goes the whole travel. Away from the switch an axis goes no farther than it ran on past the edge, than the switch
-//! is wide, and the back-off: a broken wire reads as closed, and must not drive the axis into what is at its other end.
+//! Only the first search goes the whole travel. Away from the switch an axis goes no farther than it ran on
+//! past the edge, than the switch is wide, and the back-off: a broken wire reads as closed, and must not
+//! drive the axis into what is at its other end.
 
 use lobelia_protocol::{AxisParameters, HomeDirection};
 

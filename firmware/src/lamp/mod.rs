@@ -1,4 +1,5 @@
-//! The lamp: switch, level, whether it has burnt long enough to be steady, and how long it has burnt altogether; and its fan.
+//! The lamp: switch, level, whether it has burnt long enough to be steady, and how long it has burnt
+//! altogether; and its fan.
 
 use embedded_hal::digital::OutputPin;
 use embedded_hal::pwm::SetDutyCycle;
@@ -33,7 +34,8 @@ impl<P: OutputPin, D: SetDutyCycle> Lamp<P, D> {
         Self { switch, dimmer, on_since_us: None, lit_since_us: None, out_us: None, level: 0 }
     }
 
-    /// Switches it. The time of warming up runs from when it was last off or burnt at a lower level; at level 0 it does not warm up.
+    /// Switches it. The time of warming up runs from when it was last off or burnt at a lower level; at level
+    /// 0 it does not warm up.
     pub(crate) fn switch(&mut self, now_us: u64, on: bool, level: u16) -> Result<(), PinFailure> {
         if !on {
             return self.put_out(now_us);

@@ -27,7 +27,8 @@ impl Events {
         }
     }
 
-    /// Keeps a log line, if there is room; the next one that is kept is preceded by the number of those that were not.
+    /// Keeps a log line, if there is room; the next one that is kept is preceded by the number of those that
+    /// were not.
     pub(crate) fn log(&mut self, line: LogLine) {
         let room = LINES - self.log.len();
         if room < 1 + usize::from(self.gap > 0) {

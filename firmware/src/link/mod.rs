@@ -1,5 +1,5 @@
-//! The link's memory: frames in and out, the session, and the answers given, so that a request repeated because a byte
-//! was lost is answered again and not run again.
+//! The link's memory: frames in and out, the session, and the answers given, so that a request repeated
+//! because a byte was lost is answered again and not run again.
 
 mod events;
 
@@ -87,9 +87,10 @@ impl<L: ByteLink> Link<L> {
         new
     }
 
-    /// Decides whether a request is taken: each once, in the order of their ids. One that comes before its turn is held until its
-    /// forerunners have come, and one that has to wait is held while there is no `room` to wait. Only a stop waits for nothing:
-    /// what went before it and has not come never runs. `pending` tells which requests are not answered yet.
+    /// Decides whether a request is taken: each once, in the order of their ids. One that comes before its
+    /// turn is held until its forerunners have come, and one that has to wait is held while there is no
+    /// `room` to wait. Only a stop waits for nothing: what went before it and has not come never runs.
+    /// `pending` tells which requests are not answered yet.
     pub(crate) fn admit(
         &mut self,
         request: &Request,
@@ -163,7 +164,8 @@ impl<L: ByteLink> Link<L> {
         }
     }
 
-    /// Hands the port as many bytes as it takes; when no answer is left or on its way, events too, one at a time.
+    /// Hands the port as many bytes as it takes; when no answer is left or on its way, events too, one at a
+    /// time.
     pub(crate) fn flush(&mut self) {
         loop {
             while let Some(&byte) = self.outbox.front() {

@@ -1,7 +1,8 @@
 //! One axis: step pulses on its pins, and moves that end with an approach in the positive direction.
 //!
-//! Gears have play. The position that a motor step count stands for is the same each time only if the same flank pushes at the end,
-//! so a move that would end downward, or follow a motion that did, first goes `take_up` steps below its target.
+//! Gears have play. The position that a motor step count stands for is the same each time only if the same
+//! flank pushes at the end, so a move that would end downward, or follow a motion that did, first goes
+//! `take_up` steps below its target.
 
 use lobelia_protocol::{AxisParameters, HomeDirection, Pin, Pins};
 
@@ -144,7 +145,8 @@ impl<B: Board> AxisDrive<B> {
         self.stepper.running() || self.approach.is_some()
     }
 
-    /// When this axis next has to be polled, in µs: at the run's end, or when more steps have to be handed over.
+    /// When this axis next has to be polled, in µs: at the run's end, or when more steps have to be handed
+    /// over.
     pub(crate) fn next_us(&self, pulses: &mut B::Pulses, now_us: u64) -> u64 {
         if let Some(end) = self.stepper.end() {
             let end_us = (end + self.late).div_ceil(1 << TICK_SHIFT);
@@ -210,7 +212,8 @@ impl<B: Board> AxisDrive<B> {
         self.start(pulses, now_us, first, times)
     }
 
-    /// Changes the target of the move under way without braking; false, and nothing changed, where it can't be.
+    /// Changes the target of the move under way without braking; false, and nothing changed, where it can't
+    /// be.
     pub(crate) fn redirect(
         &mut self,
         pulses: &mut B::Pulses,
@@ -220,7 +223,8 @@ impl<B: Board> AxisDrive<B> {
     ) -> bool {
         let position = pulses.with(|pulses| pulses.trains.planned_position(self.axis));
         let turned = self.nearest_turn(position, target, p);
-        // Only on a single upward run: then the play is taken up at the new target as it would be at the old one.
+        // Only on a single upward run: then the play is taken up at the new target as it would be at the old
+        // one.
         let upward = self.stepper.forward() && self.approach.is_none() && self.ends_taken_up;
         let room = turned.saturating_sub_unsigned(p.take_up_steps) >= position;
         let redirected = upward
@@ -278,8 +282,8 @@ impl<B: Board> AxisDrive<B> {
         Ok(())
     }
 
-    /// Ends the present run after `distance` more steps, or as soon as the ramp allows: with a halt on the way if it is still
-    /// speeding up.
+    /// Ends the present run after `distance` more steps, or as soon as the ramp allows: with a halt on the
+    /// way if it is still speeding up.
     pub(crate) fn shorten(&mut self, pulses: &mut B::Pulses, now_us: u64, distance: u32) {
         let position = pulses.with(|pulses| pulses.trains.position(self.axis));
         let forward = self.stepper.forward();
@@ -335,7 +339,8 @@ impl<B: Board> AxisDrive<B> {
         self.taken_up = true;
     }
 
-    /// Forgets the position, to count from 0; not how far it is wound up, unless a turn now has another number of steps.
+    /// Forgets the position, to count from 0; not how far it is wound up, unless a turn now has another
+    /// number of steps.
     pub(crate) fn forget(&mut self, pulses: &mut B::Pulses, p: &AxisParameters) {
         let position = pulses.with(|pulses| {
             let position = pulses.trains.position(self.axis);
@@ -354,7 +359,8 @@ impl<B: Board> AxisDrive<B> {
         self.taken_up = false;
     }
 
-    /// Whether an axis that turns round and round is wound up by over a turn more than its cables bear in moves.
+    /// Whether an axis that turns round and round is wound up by over a turn more than its cables bear in
+    /// moves.
     pub(crate) fn is_wound_beyond(&self, position: i32, p: &AxisParameters) -> bool {
         let turn = i64::from(p.full_turn_steps);
         if turn == 0 || self.full_turn != p.full_turn_steps {
@@ -365,7 +371,8 @@ impl<B: Board> AxisDrive<B> {
         !(i64::from(p.min_steps) - slack..=i64::from(p.max_steps) + slack).contains(&wound)
     }
 
-    /// Brakes where that was asked for, and goes on to what follows the run when it has ended, if the plan may be `changed`.
+    /// Brakes where that was asked for, and goes on to what follows the run when it has ended, if the plan
+    /// may be `changed`.
     pub(crate) fn poll(
         &mut self,
         pulses: &mut B::Pulses,
@@ -431,7 +438,8 @@ impl<B: Board> AxisDrive<B> {
         Ok(())
     }
 
-    /// Of all positions that stand for the target's angle and that the cables bear, the one nearest to `position`.
+    /// Of all positions that stand for the target's angle and that the cables bear, the one nearest to
+    /// `position`.
     fn nearest_turn(&self, position: i32, target: i32, p: &AxisParameters) -> i32 {
         if p.full_turn_steps == 0 {
             return target;

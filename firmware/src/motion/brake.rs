@@ -1,9 +1,9 @@
-//! Coming to rest from the middle of a run, as fast as acceleration and jerk allow: three segments from any speed v and
-//! acceleration a.
+//! Coming to rest from the middle of a run, as fast as acceleration and jerk allow: three segments from any
+//! speed v and acceleration a.
 //!
-//! The acceleration goes from a to −b with the full jerk J, stays, and goes to 0. b = min(A, √(J·v + a²/2)), from which
-//! the times follow: (a + b)/J, (v + a²/2J − b²/J)/b and b/J. The same holds for an a below 0, when the run
-//! was braking already.
+//! The acceleration goes from a to −b with the full jerk J, stays, and goes to 0. b = min(A, √(J·v + a²/2)),
+//! from which the times follow: (a + b)/J, (v + a²/2J − b²/J)/b and b/J. The same holds for an a below 0,
+//! when the run was braking already.
 
 use crate::motion::fixed::{Cubic, TICKS_PER_S, divide, last_step_to};
 use crate::motion::profile::{Limits, State, Stretch};
@@ -48,8 +48,8 @@ impl Brake {
         Self { segments, current: 0, started: 0, guess: 0 }
     }
 
-    /// The stretch that a position in 2⁻³² steps from the last step made before braking lies in; `None` when at rest before.
-    /// Positions asked for never go back to a stretch before.
+    /// The stretch that a position in 2⁻³² steps from the last step made before braking lies in; `None` when
+    /// at rest before. Positions asked for never go back to a stretch before.
     pub(crate) fn stretch(&mut self, position: i64) -> Option<Stretch> {
         loop {
             let segment = self.segments.get(self.current)?;

@@ -1,7 +1,9 @@
-//! Bursts: runs of steps whose times follow one cubic of the step's number, so that three additions give each from the last.
+//! Bursts: runs of steps whose times follow one cubic of the step's number, so that three additions give each
+//! from the last.
 //!
-//! The time at which a profile passes a position has no closed form that is cheap. Over a burst it is replaced by the cubic through
-//! four exact times; two more, near where such a cubic is farthest off, tell how good it is.
+//! The time at which a profile passes a position has no closed form that is cheap. Over a burst it is
+//! replaced by the cubic through four exact times; two more, near where such a cubic is farthest off, tell
+//! how good it is.
 
 /// A fraction of a tick is kept in so many bits.
 const FRACTION: u32 = 32;
@@ -38,8 +40,8 @@ impl Burst {
         Self { at: at << FRACTION | u64::from(fraction), interval: interval as i64, count, ..Self::default() }
     }
 
-    /// The burst of `steps` steps, and one more at its end, through times at its start, thirds and end; these in ticks from
-    /// `at`.
+    /// The burst of `steps` steps, and one more at its end, through times at its start, thirds and end; these
+    /// in ticks from `at`.
     pub(crate) fn through(at: u64, times: [i64; 3], steps: u32) -> Self {
         let [first, second, third] = differences(times);
         // The cubic's coefficients for single steps: a third of the burst has steps/3 of them.
@@ -70,8 +72,8 @@ pub(crate) fn error(times: [i64; 3], [early, late]: [i64; 2]) -> u64 {
     at_one.abs_diff(early).max(at_five.abs_diff(late))
 }
 
-/// How long to make a burst after one of a length in steps was off by so much: `Err` when that one was too long. The error
-/// grows with the fourth power of the length.
+/// How long to make a burst after one of a length in steps was off by so much: `Err` when that one was too
+/// long. The error grows with the fourth power of the length.
 pub(crate) fn next_length(length: u32, error: u64) -> Result<u32, u32> {
     if error > CLOSE {
         let excess = 64 - (error / CLOSE).leading_zeros();

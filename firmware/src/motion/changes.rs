@@ -1,7 +1,8 @@
-//! When a plan may be changed: what that takes must not add up over all axes, nor delay steps that have to be handed over.
+//! When a plan may be changed: what that takes must not add up over all axes, nor delay steps that have to be
+//! handed over.
 
-/// Whether plans may be changed in this poll: a run begun, cut short or turned into a braking one. That takes long on a small processor,
-/// so there is one change a poll, and none while an axis has to be handed steps.
+/// Whether plans may be changed in this poll: a run begun, cut short or turned into a braking one. That takes
+/// long on a small processor, so there is one change a poll, and none while an axis has to be handed steps.
 #[derive(Debug, Clone, Copy, Default)]
 pub(crate) struct Changes {
     allowed: bool,
@@ -10,7 +11,8 @@ pub(crate) struct Changes {
 }
 
 impl Changes {
-    /// After so many refusals a change is made whatever waits: where planning never catches up, steps come late anyway.
+    /// After so many refusals a change is made whatever waits: where planning never catches up, steps come
+    /// late anyway.
     const PATIENCE: u8 = 64;
 
     /// At a poll's beginning: whether an axis `needs` steps.

@@ -1,8 +1,8 @@
-//! Fixed-point arithmetic for profiles: positions in 2⁻³² steps, times in ticks of 1/256 µs, and cubics of a fraction
-//! of their segment, so that every coefficient is a distance and none can overflow.
+//! Fixed-point arithmetic for profiles: positions in 2⁻³² steps, times in ticks of 1/256 µs, and cubics of a
+//! fraction of their segment, so that every coefficient is a distance and none can overflow.
 //!
-//! Planning uses 128-bit integers; [`Cubic::solve`], which runs a few times a burst of steps, uses 32 × 64-bit products and one
-//! 64-bit division an iteration.
+//! Planning uses 128-bit integers; [`Cubic::solve`], which runs a few times a burst of steps, uses 32 ×
+//! 64-bit products and one 64-bit division an iteration.
 
 /// Ticks in a second.
 pub(crate) const TICKS_PER_S: u64 = 256_000_000;
@@ -22,7 +22,8 @@ pub(crate) fn mul_div(a: u64, b: u64, c: u64) -> u64 {
     ((u128::from(a) * u128::from(b) + c / 2) / c) as u64
 }
 
-/// `n / d` rounded down, digit by digit: the compiler's division of 128 bits takes thousands of instructions on these processors.
+/// `n / d` rounded down, digit by digit: the compiler's division of 128 bits takes thousands of instructions
+/// on these processors.
 pub(crate) fn divide(n: u128, d: u32) -> u128 {
     let (mut quotient, mut rest) = (0, 0);
     if let Ok(d) = u16::try_from(d) {
@@ -101,9 +102,9 @@ impl Cubic {
         2 * self.c[2] + scale(6 * self.c[3], u)
     }
 
-    /// The time in ticks since the segment's start at which a position is passed; the segment rises from below to above it.
-    /// Newton's method, kept within a bracket; begins at the guess, a fraction of the segment, and leaves the solution there for
-    /// the next one.
+    /// The time in ticks since the segment's start at which a position is passed; the segment rises from
+    /// below to above it. Newton's method, kept within a bracket; begins at the guess, a fraction of the
+    /// segment, and leaves the solution there for the next one.
     pub(crate) fn solve(&self, position: i64, guess: &mut u32) -> u64 {
         let (mut low, mut high) = (0, u32::MAX);
         let mut u = *guess;
@@ -145,7 +146,8 @@ pub(crate) fn fraction_of(ticks: u64, u: u32) -> u64 {
     (ticks >> 32) * u64::from(u) + low
 }
 
-/// `n / d` in 2⁻³² to about 15 bits, for `d` above 0, where it is below 2³¹; by a division of 32 bits, which these processors have.
+/// `n / d` in 2⁻³² to about 15 bits, for `d` above 0, where it is below 2³¹; by a division of 32 bits, which
+/// these processors have.
 fn quotient(n: i64, d: i64) -> Option<i64> {
     let size = n.unsigned_abs();
     if d <= 0 || size >= 1 << 62 {
@@ -188,7 +190,8 @@ mod tests {
         }
 
         #[test]
-        fn division_by_digits_is_division(n in any::<u128>(), shift in 0..128u32, d in 1..=u32::MAX, small in 1..=u32::from(u16::MAX)) {
+        fn division_by_digits_is_division(n in any::<u128>(), shift in 0..128u32, d in 1..=u32::MAX,
+            small in 1..=u32::from(u16::MAX)) {
             prop_assert_eq!(divide(n >> shift, d), (n >> shift) / u128::from(d));
             prop_assert_eq!(divide(n >> shift, small), (n >> shift) / u128::from(small));
         }
@@ -200,7 +203,8 @@ mod tests {
             let cubic = Cubic { c, ticks: 1 };
             let x = f64::from(u) / 4_294_967_296.0;
             let c = c.map(|c| c as f64);
-            let near = |is: i64, real: f64| (is as f64 - real).abs() <= 8.0 + 1e3 * f64::EPSILON * (1u64 << 62) as f64;
+            let near = |is: i64, real: f64| (is as f64 - real).abs() <= 8.0
+                + 1e3 * f64::EPSILON * (1u64 << 62) as f64;
             prop_assert!(near(cubic.at(u), c[0] + x * (c[1] + x * (c[2] + x * c[3]))));
             prop_assert!(near(cubic.slope(u), c[1] + x * (2.0 * c[2] + x * 3.0 * c[3])));
             prop_assert!(near(cubic.curvature(u), 2.0 * c[2] + 6.0 * x * c[3]));
@@ -214,7 +218,8 @@ mod tests {
             let cubic = Cubic { c: [0, rise << 32, 0, bend << 32], ticks };
             let position = (cubic.end() as f64 * part) as i64;
             let solved = cubic.solve(position, &mut guess) as f64 / ticks as f64;
-            let error = solved * (rise as f64 + solved * solved * bend as f64) - position as f64 / STEP as f64;
+            let error = solved * (rise as f64 + solved * solved * bend as f64)
+                - position as f64 / STEP as f64;
             let slope = rise as f64 + 3.0 * solved * solved * bend as f64;
             // In ticks: half a µs at most.
             prop_assert!((error / slope * ticks as f64).abs() < 64.0, "{}", error / slope * ticks as f64);

@@ -1,5 +1,5 @@
-//! Where two axes must not be together. Between two rests nobody knows how far each axis is when, so a move may enter no keep-out with any
-//! pair of the positions that its axes pass.
+//! Where two axes must not be together. Between two rests nobody knows how far each axis is when, so a move
+//! may enter no keep-out with any pair of the positions that its axes pass.
 
 use lobelia_protocol::{AXES, Axis, AxisParameters, Configuration, KEEP_OUTS, KeepOut, Refusal};
 
@@ -28,8 +28,8 @@ pub(crate) fn check(keep_outs: &[Option<KeepOut>; KEEP_OUTS], sweeps: &[Sweep; A
     keep_outs.iter().flatten().find(entered).map_or(Ok(()), |keep_out| Err(refusal(keep_out)))
 }
 
-/// Of the two axes of a keep-out the one that is homed before the other, with its interval, and the other. It has to be one that can be
-/// homed wherever the other stands.
+/// Of the two axes of a keep-out the one that is homed before the other, with its interval, and the other. It
+/// has to be one that can be homed wherever the other stands.
 fn homed_before(axes: &[AxisParameters; AXES], keep_out: &KeepOut) -> (Axis, Sweep, Axis) {
     let order = |axis: Axis| axes[axis.index()].home_order;
     if order(keep_out.first) < order(keep_out.second) {
@@ -55,8 +55,8 @@ pub(crate) fn check_homing(
     first.map_or(Ok(()), |keep_out| Err(refusal(keep_out)))
 }
 
-/// Whether a keep-out makes sense: of two axes that do not turn round and round, one of which is homed before the other and then stands
-/// out of its way.
+/// Whether a keep-out makes sense: of two axes that do not turn round and round, one of which is homed before
+/// the other and then stands out of its way.
 pub(crate) fn is_sensible(axes: &[AxisParameters; AXES], keep_out: &KeepOut) -> bool {
     let of = |axis: Axis| &axes[axis.index()];
     let (before, interval, _) = homed_before(axes, keep_out);

@@ -1,5 +1,5 @@
-//! Which parameters are allowed. What passes here can't overflow a position, outrun a step pulse, or ask for more steps than the
-//! board makes.
+//! Which parameters are allowed. What passes here can't overflow a position, outrun a step pulse, or ask for
+//! more steps than the board makes.
 
 use lobelia_protocol::{
     Axis, AxisParameters, Configuration, Field, HomeDirection, LAMP_LONGEST_S, Pins, Refusal,
@@ -95,7 +95,8 @@ fn turn_holds_limits(p: &AxisParameters) -> bool {
         && p.take_up_steps < p.full_turn_steps / 2
 }
 
-/// On an axis that turns round and round the switch is an index that moves do pass. On any other, a move within the limits, take-up included, must not reach the switch.
+/// On an axis that turns round and round the switch is an index that moves do pass. On any other, a move
+/// within the limits, take-up included, must not reach the switch.
 fn switch_is_beyond_limits(p: &AxisParameters) -> bool {
     if p.full_turn_steps != 0 {
         return true;

@@ -1,12 +1,13 @@
 //! A run from rest to rest in seven segments: jerk up, hold, jerk down; cruise; and the same mirrored.
 //!
-//! Three times define it: t_j of a segment with jerk, t_a at constant acceleration, t_v at constant speed. With
-//! X = t_j + t_a and Y = 2t_j + t_a + t_v a run over d has
+//! Three times define it: t_j of a segment with jerk, t_a at constant acceleration, t_v at constant speed.
+//! With X = t_j + t_a and Y = 2t_j + t_a + t_v a run over d has
 //!
 //! speed d/Y, acceleration d/(X·Y), jerk d/(t_j·X·Y), and takes 4t_j + 2t_a + t_v in all.
 //!
-//! So times rounded up to whole ticks, or stretched, keep every limit and still end exactly on target. The motor steps
-//! when the profile is halfway between two steps: the first half a step after the start, the last half a step before the end.
+//! So times rounded up to whole ticks, or stretched, keep every limit and still end exactly on target. The
+//! motor steps when the profile is halfway between two steps: the first half a step after the start, the last
+//! half a step before the end.
 
 use crate::motion::fixed::{Cubic, TICKS_PER_S, cube_root_up, half_way, last_step_to, mul_div, root_up};
 
@@ -96,7 +97,8 @@ pub(crate) struct Profile {
     ramp: [Cubic; 3],
     /// The cruising speed: so many steps in so many ticks.
     pace: (u64, u64),
-    /// The time from step to step at that speed, in 2⁻³² ticks rounded down; the highest number where it is more.
+    /// The time from step to step at that speed, in 2⁻³² ticks rounded down; the highest number where it is
+    /// more.
     interval: u64,
 }
 
@@ -212,8 +214,8 @@ impl Profile {
         self.ramp[..segment].iter().map(|cubic| cubic.ticks).sum()
     }
 
-    /// The same run with another length of cruise, so that it ends `distance` steps from its start; `None` if at
-    /// `now` ticks it's too late for that, or if the cruise would be shorter than nothing.
+    /// The same run with another length of cruise, so that it ends `distance` steps from its start; `None` if
+    /// at `now` ticks it's too late for that, or if the cruise would be shorter than nothing.
     pub(crate) fn redirected(&self, distance: u32, now: u64) -> Option<Self> {
         let (steps, ticks) = self.pace;
         let change = mul_div(u64::from(distance.abs_diff(self.distance)), ticks, steps);

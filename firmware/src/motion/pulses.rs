@@ -1,5 +1,6 @@
-//! The step pins, and the home switches, which have to be read at each step, and often enough between slow ones, at times that are
-//! known: all that is done here is done by the one clock that the steps are made by, whatever else the controller is doing.
+//! The step pins, and the home switches, which have to be read at each step, and often enough between slow
+//! ones, at times that are known: all that is done here is done by the one clock that the steps are made by,
+//! whatever else the controller is doing.
 
 use lobelia_protocol::AXES;
 
@@ -52,8 +53,9 @@ impl Sight {
     }
 }
 
-/// Where a board keeps the steps: in the controller, which then has to make them by [`Controller::tick`](crate::Controller::tick),
-/// or where an interrupt finds them too, which makes them whatever the controller is doing.
+/// Where a board keeps the steps: in the controller, which then has to make them by
+/// [`Controller::tick`](crate::Controller::tick), or where an interrupt finds them too, which makes them
+/// whatever the controller is doing.
 pub trait PulsesCell<B: Board> {
     /// Keeps them.
     fn keep(pulses: Pulses<B>) -> Self;
@@ -89,7 +91,8 @@ pub struct Pulses<B: Board> {
     /// Pins that step by falling, a bit an axis; nothing while the wiring is not known.
     inverted: Option<u8>,
     watchers: [Watcher<B::Input>; AXES],
-    /// Axes each of whose steps is followed by a look at the switch, a bit an axis, and when all those were last looked at.
+    /// Axes each of whose steps is followed by a look at the switch, a bit an axis, and when all those were
+    /// last looked at.
     looks: u8,
     looked_us: u32,
     tripped: bool,
@@ -115,9 +118,9 @@ impl<B: Board> Pulses<B> {
         }
     }
 
-    /// Raises and lowers the step pins that are due, and looks at the switches; gives when this has to be called next, unless the
-    /// controller is polled before. `clock` tells the time in µs, the lower half of the controller's, and is asked again once pins have
-    /// changed: how long they stay counts from then.
+    /// Raises and lowers the step pins that are due, and looks at the switches; gives when this has to be
+    /// called next, unless the controller is polled before. `clock` tells the time in µs, the lower half of
+    /// the controller's, and is asked again once pins have changed: how long they stay counts from then.
     pub fn step(&mut self, clock: impl Fn() -> u32) -> Option<u32> {
         let now_us = clock();
         let edges = self.trains.step(now_us);
@@ -209,8 +212,8 @@ impl<B: Board> Pulses<B> {
         self.looks &= !(1 << axis);
     }
 
-    /// Makes an axis ready for a run from rest, whose direction pin has just been set. `debounce_us` is how long its switch has to be
-    /// closed in order to count.
+    /// Makes an axis ready for a run from rest, whose direction pin has just been set. `debounce_us` is how
+    /// long its switch has to be closed in order to count.
     pub(crate) fn begin(&mut self, axis: usize, forward: bool, watch: Watch, debounce_us: u16, now_us: u32) {
         self.trains.begin(axis, forward);
         if self.looks == 0 {

@@ -1,7 +1,8 @@
-//! Plans the steps of one motor: follows a [`Profile`] or a [`Brake`] and hands the steps over in bursts, ahead of their time.
+//! Plans the steps of one motor: follows a [`Profile`] or a [`Brake`] and hands the steps over in bursts,
+//! ahead of their time.
 //!
-//! Times are in ticks of 1/256 µs. What was handed over is made: a change of plan begins after it. Bursts end where a
-//! formula of the course does.
+//! Times are in ticks of 1/256 µs. What was handed over is made: a change of plan begins after it. Bursts end
+//! where a formula of the course does.
 
 use crate::motion::brake::Brake;
 use crate::motion::burst::{Burst, MARGIN, error, next_length};
@@ -107,8 +108,9 @@ impl Stepper {
         self.follow(Course::Run(Profile::new(distance, times), Cursor::default()), now);
     }
 
-    /// Comes to rest as fast as the limits allow, after the steps that are handed over. It begins with the last of these, though that may be
-    /// past: steps after it are due later than they were, and if those were due already, that they are late must not be lost.
+    /// Comes to rest as fast as the limits allow, after the steps that are handed over. It begins with the
+    /// last of these, though that may be past: steps after it are due later than they were, and if those were
+    /// due already, that they are late must not be lost.
     pub(crate) fn brake(&mut self) {
         let Course::Run(profile, _) = &self.course else { return };
         let from = self.origin.max(self.planned_until);
@@ -117,8 +119,9 @@ impl Stepper {
         self.follow(Course::Brake(Brake::new(state, self.limits)), from);
     }
 
-    /// Changes the run's end to `ahead` steps after those handed over without braking first; false, and nothing changed, where
-    /// that can't be done: the target is behind, or too near, or the run is braking already.
+    /// Changes the run's end to `ahead` steps after those handed over without braking first; false, and
+    /// nothing changed, where that can't be done: the target is behind, or too near, or the run is braking
+    /// already.
     pub(crate) fn redirect(&mut self, now: u64, ahead: i64) -> bool {
         let Course::Run(profile, cursor) = &mut self.course else { return false };
         let distance = i64::from(self.planned).checked_add(ahead).and_then(|steps| u32::try_from(steps).ok());

@@ -1,9 +1,11 @@
-//! When each step pin rises and falls: what runs at each step, in 32-bit times and additions alone, without the pins.
+//! When each step pin rises and falls: what runs at each step, in 32-bit times and additions alone, without
+//! the pins.
 //!
-//! The planner hands bursts over ahead of time ([`Trains::push`]); [`Trains::step`] tells which pins to change and when it
-//! wants to be called again. A step made late shifts all that follows on its axis, so that no limit is passed whatever the caller
-//! does; one that is later than by half its interval is told ([`Trains::take_overdue`]), since the motor may not follow such a gap.
-//! A pulse ends when another axis is served anyway, or halfway to the axis's next step.
+//! The planner hands bursts over ahead of time ([`Trains::push`]); [`Trains::step`] tells which pins to
+//! change and when it wants to be called again. A step made late shifts all that follows on its axis, so that
+//! no limit is passed whatever the caller does; one that is later than by half its interval is told
+//! ([`Trains::take_overdue`]), since the motor may not follow such a gap. A pulse ends when another axis is
+//! served anyway, or halfway to the axis's next step.
 
 use heapless::Deque;
 use lobelia_protocol::AXES;
@@ -14,7 +16,8 @@ use crate::motion::fixed::TICK_SHIFT;
 
 /// Longest that a pin stays high when no other axis is served meanwhile, in ticks.
 const LONG_PULSE: i32 = 16 << TICK_SHIFT;
-/// An axis without steps is looked at again after so many ticks, 4 s: half of what a difference of times holds.
+/// An axis without steps is looked at again after so many ticks, 4 s: half of what a difference of times
+/// holds.
 const FAR: i32 = 1 << 30;
 /// Bursts of an axis that may wait.
 const WAITING: usize = 12;
@@ -97,8 +100,8 @@ pub(crate) struct Trains {
     timing: Timing,
     /// How late a step may be, however soon after the last one it was due, in ticks.
     bearable: Bearable,
-    /// Axes whose direction was set, until that time has been looked at; axes whose run has made no step yet; axes with a step that
-    /// came too late.
+    /// Axes whose direction was set, until that time has been looked at; axes whose run has made no step yet;
+    /// axes with a step that came too late.
     turned: u8,
     unstarted: u8,
     overdue: u8,
@@ -188,7 +191,8 @@ impl Trains {
         Edges { lower, raise }
     }
 
-    /// The direction pins of axes about to move were set before `now_us`: no step of theirs is due before the set-up time is over.
+    /// The direction pins of axes about to move were set before `now_us`: no step of theirs is due before the
+    /// set-up time is over.
     #[cold]
     fn turn(&mut self, now_us: u32) {
         let least = now_us.wrapping_add(self.timing.setup_us) << TICK_SHIFT;
@@ -275,8 +279,8 @@ impl Trains {
         self.trains[axis].due().wrapping_sub(now_us << TICK_SHIFT) as i32
     }
 
-    /// Shifts what follows a late step, and notes one that is later than half as long as the interval before it should have been. A
-    /// run may begin late.
+    /// Shifts what follows a late step, and notes one that is later than half as long as the interval before
+    /// it should have been. A run may begin late.
     #[cold]
     fn late_step(&mut self, axis: usize, late: u32) {
         let train = &mut self.trains[axis];
@@ -340,13 +344,15 @@ impl Trains {
         core::mem::take(&mut self.overdue)
     }
 
-    /// Sets how long a step pin stays high, and low, at least, and how long before a step its direction pin is set, in µs.
+    /// Sets how long a step pin stays high, and low, at least, and how long before a step its direction pin
+    /// is set, in µs.
     pub(crate) fn set_timing(&mut self, pulse_us: u8, direction_setup_us: u8) {
         self.timing =
             Timing { hold_us: u32::from(pulse_us) + 1, setup_us: u32::from(direction_setup_us) + 1 };
     }
 
-    /// Sets how late a step may be, in µs, however soon after the last one it was due; later ones are overdue.
+    /// Sets how late a step may be, in µs, however soon after the last one it was due; later ones are
+    /// overdue.
     pub(crate) fn set_bearable(&mut self, late_us: u32) {
         self.bearable = Bearable(late_us << TICK_SHIFT);
     }

@@ -1,12 +1,12 @@
-//! The axes' alarm inputs. A driver's DIAG may be active for less than the time between two polls, so an interrupt at each of its changes
-//! writes down what it sees; polls look at the levels besides.
+//! The axes' alarm inputs. A driver's DIAG may be active for less than the time between two polls, so an
+//! interrupt at each of its changes writes down what it sees; polls look at the levels besides.
 
 use core::sync::atomic::{AtomicBool, AtomicU32, Ordering::Relaxed};
 
 use lobelia_protocol::AXES;
 
-/// The alarm inputs as an interrupt and the controller see them. One changes them at a time: the controller does so within
-/// [`PulsesCell::with`](crate::PulsesCell::with), which keeps the interrupt out.
+/// The alarm inputs as an interrupt and the controller see them. One changes them at a time: the controller
+/// does so within [`PulsesCell::with`](crate::PulsesCell::with), which keeps the interrupt out.
 #[derive(Debug, Default)]
 pub struct Alarms([Line; AXES]);
 
@@ -15,7 +15,8 @@ struct Line {
     inverted: AtomicBool,
     debounce_us: AtomicU32,
     active: AtomicBool,
-    /// When it became active, in µs that wrap; and whether only a poll has seen that, whose time is that of its beginning.
+    /// When it became active, in µs that wrap; and whether only a poll has seen that, whose time is that of
+    /// its beginning.
     since_us: AtomicU32,
     polled: AtomicBool,
     /// Whether it was active for long enough and nobody has asked yet.
@@ -64,11 +65,13 @@ impl Alarms {
         Self([Line::new(), Line::new(), Line::new(), Line::new()])
     }
 
-    /// For an interrupt handler that comes at each change of an axis's pin: its level now, as the pin has it, and the time in µs, the
-    /// lower half of the controller's. A pulse that is over before the handler looks counts where no debounce is asked for.
+    /// For an interrupt handler that comes at each change of an axis's pin: its level now, as the pin has it,
+    /// and the time in µs, the lower half of the controller's. A pulse that is over before the handler looks
+    /// counts where no debounce is asked for.
     pub fn changed(&self, axis: usize, high: bool, now_us: u32) {
         let Some(line) = self.0.get(axis) else { return };
-        // What a poll saw before its interrupt could come begins now: by the poll's time it would seem longer than it is.
+        // What a poll saw before its interrupt could come begins now: by the poll's time it would seem longer
+        // than it is.
         if line.polled.load(Relaxed) {
             line.polled.store(false, Relaxed);
             line.active.store(false, Relaxed);
@@ -116,7 +119,8 @@ impl Alarms {
         self.0[axis].active.load(Relaxed)
     }
 
-    /// How much longer an input that is active has to be so until it counts, µs; `None` for one that is not, or counts already.
+    /// How much longer an input that is active has to be so until it counts, µs; `None` for one that is not,
+    /// or counts already.
     pub(crate) fn left_us(&self, axis: usize, now_us: u32) -> Option<u32> {
         let line = &self.0[axis];
         let left = line.debounce_us.load(Relaxed).saturating_sub(line.lasted(now_us));

@@ -1,4 +1,5 @@
-//! Safety: the emergency stop's input, the drivers' alarms, and the faults, which stay until the host clears them.
+//! Safety: the emergency stop's input, the drivers' alarms, and the faults, which stay until the host clears
+//! them.
 
 pub mod alarm;
 
@@ -11,8 +12,9 @@ use crate::pin::{PinFailure, is_high};
 
 /// The emergency stop as an interrupt sees it.
 ///
-/// The handler calls [`Self::trip`] and should let the step pins go itself. The controller cuts everything at its next poll,
-/// half a millisecond later at most while axes move. [`emergency_stop`] is the same as a function.
+/// The handler calls [`Self::trip`] and should let the step pins go itself. The controller cuts everything at
+/// its next poll, half a millisecond later at most while axes move. [`emergency_stop`] is the same as a
+/// function.
 #[derive(Debug, Default)]
 pub struct EmergencyStop(AtomicBool);
 
@@ -34,7 +36,8 @@ impl EmergencyStop {
 
     /// Whether it was tripped since this was last asked.
     pub(crate) fn take(&self) -> bool {
-        // Load and store, since small cores have no swap; only the interrupt sets it and only the controller resets it.
+        // Load and store, since small cores have no swap; only the interrupt sets it and only the controller
+        // resets it.
         let tripped = self.0.load(Ordering::Acquire);
         if tripped {
             self.0.store(false, Ordering::Release);

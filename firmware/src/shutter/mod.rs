@@ -1,7 +1,8 @@
 //! The shutter: opens it for a given time and means the lamp's photodiode over just that time.
 //!
-//! A timer opens and closes it to the tick where the board has one for that; else the polls do. Likewise a converter that reads by itself
-//! sees the lamp's dimmer, tens of kHz, at all its phases; one that is read at each millisecond sees a dimmer of the same crystal at one.
+//! A timer opens and closes it to the tick where the board has one for that; else the polls do. Likewise a
+//! converter that reads by itself sees the lamp's dimmer, tens of kHz, at all its phases; one that is read at
+//! each millisecond sees a dimmer of the same crystal at one.
 
 use embedded_hal::digital::OutputPin;
 use lobelia_protocol::Exposure;
@@ -9,11 +10,13 @@ use lobelia_protocol::Exposure;
 use crate::board::{AnalogInput, Readings, TimedShutter};
 use crate::pin::{Line, PinFailure, set};
 
-/// Photodiode readings are this far apart, or closer in short exposures, µs; one that reads by itself is asked as often.
+/// Photodiode readings are this far apart, or closer in short exposures, µs; one that reads by itself is
+/// asked as often.
 const READING_EVERY_US: u32 = 1000;
 /// An exposure that was open longer than asked for by more than this is refused, µs.
 const MAX_LATE_US: u64 = 10;
-/// The last of them is at least this long before the end, µs: the poll that makes it must not delay the one that closes.
+/// The last of them is at least this long before the end, µs: the poll that makes it must not delay the one
+/// that closes.
 const BEFORE_END_US: u64 = 120;
 /// Fewest readings of an exposure.
 const LEAST_READINGS: u32 = 16;

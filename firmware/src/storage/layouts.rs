@@ -1,8 +1,9 @@
 //! How parameters were written before, so that saved ones outlive an update that adds some.
 //!
-//! A change of the parameters only ever appends fields to their structures, or structures to the configuration. So what was written before
-//! is the beginning of what is written now, part by part, and the rest is that of the defaults. Whoever changes the layout adds the one that
-//! was to [`OLDER`], and what is new to [`axis_defaults`] or [`settings_defaults`]; a test insists.
+//! A change of the parameters only ever appends fields to their structures, or structures to the
+//! configuration. So what was written before is the beginning of what is written now, part by part, and the
+//! rest is that of the defaults. Whoever changes the layout adds the one that was to [`OLDER`], and what is
+//! new to [`axis_defaults`] or [`settings_defaults`]; a test insists.
 
 use lobelia_protocol::{
     Alarm, AxisParameters, Configuration, DriverParameters, HomeDirection, KEEP_OUTS, Pins, Settings, packet,
@@ -121,7 +122,8 @@ fn length(bytes: &[u8], fields: &[Field]) -> Option<usize> {
     })
 }
 
-/// Takes an old part, of the fields given, from the beginning of `bytes`: gives it with the end of the `defaults` behind it, and its length.
+/// Takes an old part, of the fields given, from the beginning of `bytes`: gives it with the end of the
+/// `defaults` behind it, and its length.
 fn completed(
     bytes: &[u8],
     fields: &[Field],
@@ -135,7 +137,8 @@ fn completed(
     Some((old, old + new.len()))
 }
 
-/// Reads a configuration that was written in an older layout. Not inlined: its parts would take stack where others are read too.
+/// Reads a configuration that was written in an older layout. Not inlined: its parts would take stack where
+/// others are read too.
 #[inline(never)]
 pub(super) fn read(layout: &Layout, bytes: &[u8]) -> Option<Configuration> {
     let (mut defaults, mut whole) = ([0; PART], [0; PART]);
@@ -163,7 +166,8 @@ mod tests {
         assert_eq!(
             schema::PARAMETERS as u32,
             2_361_397_067,
-            "add the layout with the identity that stands here to OLDER, its new fields to the defaults, then pin"
+            "add the layout with the identity that stands here to OLDER, its new fields to the defaults, \
+             then pin"
         );
         assert!(super::OLDER.iter().all(|layout| layout.identity != schema::PARAMETERS as u32));
     }

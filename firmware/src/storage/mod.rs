@@ -1,12 +1,14 @@
-//! Parameters that outlive a power cut: two slots, written in turn, each with a sequence number and a checksum.
+//! Parameters that outlive a power cut: two slots, written in turn, each with a sequence number and a
+//! checksum.
 //!
 //! | byte | 0–3 | 4–7 | 8–9 | 10… | last 4 |
 //! |---|---|---|---|---|---|
 //! | | identity of the parameters' schema, low half | sequence | length | parameters, postcard | CRC-32 of all before |
 //!
-//! Only the older slot is ever erased and written, its checksum last. So after a cut at any byte the newer one still stands, or the
-//! new one does; never half of one. Numbers are little-endian. Parameters outlive an update of the program that leaves them as they are, and
-//! one that adds some, which then have their defaults (`layouts`).
+//! Only the older slot is ever erased and written, its checksum last. So after a cut at any byte the newer
+//! one still stands, or the new one does; never half of one. Numbers are little-endian. Parameters outlive an
+//! update of the program that leaves them as they are, and one that adds some, which then have their defaults
+//! (`layouts`).
 
 mod layouts;
 

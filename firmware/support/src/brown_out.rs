@@ -1,5 +1,6 @@
-//! The STM32F4's brown-out level in its option bytes' register, `FLASH_OPTCR`, as RM0090 has it: level 3, from 2.7 V
-//! on, is 00, and off is 11. Register descriptions that programs are generated from have it the other way round.
+//! The STM32F4's brown-out level in its option bytes' register, `FLASH_OPTCR`, as RM0090 has it: level 3,
+//! from 2.7 V on, is 00, and off is 11. Register descriptions that programs are generated from have it the
+//! other way round.
 
 /// `BOR_LEV`.
 const LEVEL: u32 = 0b11 << 2;

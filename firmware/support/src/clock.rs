@@ -1,5 +1,5 @@
-//! The time in µs since the start, from a counter that counts down, wraps and interrupts, or from one that counts µs up and wraps
-//! at 32 bits.
+//! The time in µs since the start, from a counter that counts down, wraps and interrupts, or from one that
+//! counts µs up and wraps at 32 bits.
 
 use core::sync::atomic::{AtomicU32, Ordering::Relaxed};
 
@@ -43,8 +43,8 @@ impl<const TICKS_PER_US: u32, const PERIOD_US: u32> Clock<TICKS_PER_US, PERIOD_U
         }
     }
 
-    /// The time in µs. `counter` gives the counter's value and then whether its interrupt is waiting to run, read in
-    /// this order; the interrupt may come at any moment.
+    /// The time in µs. `counter` gives the counter's value and then whether its interrupt is waiting to run,
+    /// read in this order; the interrupt may come at any moment.
     pub fn now_us(&self, mut counter: impl FnMut() -> (u32, bool)) -> u64 {
         loop {
             let high = self.periods_high.load(Relaxed);
@@ -53,7 +53,8 @@ impl<const TICKS_PER_US: u32, const PERIOD_US: u32> Clock<TICKS_PER_US, PERIOD_U
             if self.periods.load(Relaxed) != low || self.periods_high.load(Relaxed) != high {
                 continue;
             }
-            // The wait may have begun before or after the value was read: a high value is one of the new period.
+            // The wait may have begun before or after the value was read: a high value is one of the new
+            // period.
             let over = waiting && value > Self::RELOAD / 2;
             let periods = (u64::from(high) << 32 | u64::from(low)) + u64::from(over);
             return periods * u64::from(PERIOD_US) + u64::from((Self::RELOAD - value) / TICKS_PER_US);
@@ -67,8 +68,8 @@ impl<const TICKS_PER_US: u32, const PERIOD_US: u32> Default for Clock<TICKS_PER_
     }
 }
 
-/// A counter of µs that wraps at 32 bits, extended to 64. Nothing has to happen when it wraps: it is enough to ask for the time once
-/// a turn, 71 minutes.
+/// A counter of µs that wraps at 32 bits, extended to 64. Nothing has to happen when it wraps: it is enough
+/// to ask for the time once a turn, 71 minutes.
 #[derive(Debug, Default)]
 pub struct Extended {
     /// Turns of the counter, and what it last read.
@@ -82,7 +83,8 @@ impl Extended {
         Self { turns: AtomicU32::new(0), last: AtomicU32::new(0) }
     }
 
-    /// The time in µs, from the counter's reading. Only the main loop may ask, so that readings come in order.
+    /// The time in µs, from the counter's reading. Only the main loop may ask, so that readings come in
+    /// order.
     pub fn now_us(&self, count: u32) -> u64 {
         let mut turns = self.turns.load(Relaxed);
         if count < self.last.load(Relaxed) {

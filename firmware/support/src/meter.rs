@@ -1,8 +1,10 @@
-//! The arithmetic of a converter that writes into a ring by itself: which readings are new, and which are of the time that was asked for.
+//! The arithmetic of a converter that writes into a ring by itself: which readings are new, and which are of
+//! the time that was asked for.
 
 use core::ops::Range;
 
-/// Readings into a ring of `SIZE`, `TAKE` of them every `US` µs. Readings are counted from 0, and the ring has the number modulo its size.
+/// Readings into a ring of `SIZE`, `TAKE` of them every `US` µs. Readings are counted from 0, and the ring
+/// has the number modulo its size.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Meter<const SIZE: u32, const TAKE: u32, const US: u32> {
     given: u64,
@@ -20,7 +22,8 @@ impl<const SIZE: u32, const TAKE: u32, const US: u32> Meter<SIZE, TAKE, US> {
         Self { given: 0, limit: Self::within(duration_us as u64) }
     }
 
-    /// Readings not given yet, once so many µs have passed and the next is written at a place in the ring; what was overwritten is left out.
+    /// Readings not given yet, once so many µs have passed and the next is written at a place in the ring;
+    /// what was overwritten is left out.
     pub fn take(&mut self, elapsed_us: u64, place: u32) -> Range<u64> {
         // The clock tells the number to some readings, the ring just which.
         let about = Self::within(elapsed_us);

@@ -1,8 +1,8 @@
-//! A rig for boards under emulation, where nothing turns: home switches that follow the steps made, and a photodiode that
-//! follows the lamp.
+//! A rig for boards under emulation, where nothing turns: home switches that follow the steps made, and a
+//! photodiode that follows the lamp.
 //!
-//! An axis starts [`START`] steps above its lower switch, which is closed at position 0 and below; an upper switch is
-//! closed from [`UPPER`] on. Both are on the one input, as two switches wired to one pin.
+//! An axis starts [`START`] steps above its lower switch, which is closed at position 0 and below; an upper
+//! switch is closed from [`UPPER`] on. Both are on the one input, as two switches wired to one pin.
 
 use core::sync::atomic::{AtomicBool, AtomicI32, AtomicU32, Ordering::Relaxed};
 

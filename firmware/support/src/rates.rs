@@ -1,9 +1,10 @@
-//! Counts the instructions of a step: the whole controller, with real pins, is led through moves of one to four axes on
-//! a virtual clock that jumps from event to event, while a counter counts.
+//! Counts the instructions of a step: the whole controller, with real pins, is led through moves of one to
+//! four axes on a virtual clock that jumps from event to event, while a counter counts.
 //!
-//! The axes run at different speeds, so their steps fall on the same moment by chance only. What is counted is all that the
-//! board's interrupt does at each step and at each end of a pulse, and all of [`Controller::poll`]: planning, watching the inputs,
-//! asking the link. The interrupts' entries and exits are no instructions: they are told by their number.
+//! The axes run at different speeds, so their steps fall on the same moment by chance only. What is counted
+//! is all that the board's interrupt does at each step and at each end of a pulse, and all of
+//! [`Controller::poll`]: planning, watching the inputs, asking the link. The interrupts' entries and exits
+//! are no instructions: they are told by their number.
 
 use lobelia_firmware::{Board, Controller, Peripherals};
 use lobelia_protocol::{
@@ -16,7 +17,8 @@ use core::sync::atomic::Ordering;
 use crate::link::{Received, ToSend};
 use crate::model;
 
-/// Highest speed of the first axis in steps/s; each further one goes a little slower, so that four make 400,000 steps/s.
+/// Highest speed of the first axis in steps/s; each further one goes a little slower, so that four make
+/// 400,000 steps/s.
 const SPEED: u32 = 120_000;
 /// Steps of the first axis's move; the others' moves take about as long. A sixth of them is in the ramps.
 const STEPS: u32 = 60_000;
@@ -180,10 +182,12 @@ fn configuration() -> Configuration {
     }
 }
 
-/// Moves one to four axes there and back, and tells `report` what each pair of moves cost. `counter` counts upward and wraps at
-/// 32 bits; `serve` does what the board's interrupt does, at a time in µs that it is told. False if the controller refused something.
+/// Moves one to four axes there and back, and tells `report` what each pair of moves cost. `counter` counts
+/// upward and wraps at 32 bits; `serve` does what the board's interrupt does, at a time in µs that it is
+/// told. False if the controller refused something.
 ///
-/// The board's link interrupt has to be off: `received` and `to_send` are its rings, whose other ends are here.
+/// The board's link interrupt has to be off: `received` and `to_send` are its rings, whose other ends are
+/// here.
 pub fn measure<B: Board>(
     peripherals: Peripherals<B>,
     (received, to_send): (&'static Received, &'static ToSend),
@@ -236,8 +240,8 @@ pub struct Counter {
 }
 
 impl Counter {
-    /// From the function that reads the counter, and the value that it starts from again after 0. It has to be read at
-    /// least once each time round.
+    /// From the function that reads the counter, and the value that it starts from again after 0. It has to
+    /// be read at least once each time round.
     pub fn new(read: fn() -> u32, reload: u32) -> Self {
         Self { read, reload, last: read(), total: 0 }
     }
@@ -255,8 +259,9 @@ impl Counter {
 /// Instructions by which the counter is calibrated.
 const CALIBRATION: u32 = 4000;
 
-/// Measures and prints a line `rate axes=A steps=S calls=C instructions=I` for each number of axes, then `end`; or
-/// `refused`. `spend` runs as many instructions as it is told, and a few more, always the same number.
+/// Measures and prints a line `rate axes=A steps=S calls=C instructions=I` for each number of axes, then
+/// `end`; or `refused`. `spend` runs as many instructions as it is told, and a few more, always the same
+/// number.
 pub fn report<B: Board>(
     peripherals: Peripherals<B>,
     rings: (&'static Received, &'static ToSend),

@@ -1,5 +1,5 @@
-//! A trace of steps in a board's memory, for tests that read it from outside: which axis stepped which way at what time of
-//! the board's clock.
+//! A trace of steps in a board's memory, for tests that read it from outside: which axis stepped which way at
+//! what time of the board's clock.
 
 use core::sync::atomic::{AtomicBool, AtomicU32, Ordering::Relaxed};
 
@@ -12,7 +12,8 @@ pub const STEPS: usize = 4096;
 pub struct Trace {
     /// Steps ever made.
     count: AtomicU32,
-    /// Each step in the place of its number: time in µs in the upper 29 bits, then whether it went up, then the axis in 2.
+    /// Each step in the place of its number: time in µs in the upper 29 bits, then whether it went up, then
+    /// the axis in 2.
     steps: [AtomicU32; STEPS],
     on: AtomicBool,
     now_us: fn() -> u64,
@@ -29,7 +30,8 @@ impl Trace {
         }
     }
 
-    /// Holds steps from now on. Until then they cost next to nothing, which matters where instructions are counted.
+    /// Holds steps from now on. Until then they cost next to nothing, which matters where instructions are
+    /// counted.
     pub fn start(&self) {
         self.on.store(true, Relaxed);
     }

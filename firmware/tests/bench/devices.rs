@@ -1,5 +1,6 @@
-//! What a board may have besides pins: a timer for the shutter, a converter that reads by itself, outputs that are told their wiring, and a
-//! brown-out level. The bench of this thread's last rig has their state, since what a board has lives for ever.
+//! What a board may have besides pins: a timer for the shutter, a converter that reads by itself, outputs
+//! that are told their wiring, and a brown-out level. The bench of this thread's last rig has their state,
+//! since what a board has lives for ever.
 
 use std::cell::RefCell;
 use std::rc::Rc;
@@ -31,7 +32,8 @@ pub(crate) struct Devices {
     pub(crate) reads_by_itself: bool,
     /// From when to when it does, and how far what it read was given, ns.
     reading_ns: (u64, u64, u64),
-    /// By how much of its mean the lamp is brighter and darker, half of each of the dimmer's 50 µs, in hundredths.
+    /// By how much of its mean the lamp is brighter and darker, half of each of the dimmer's 50 µs, in
+    /// hundredths.
     pub(crate) ripple_percent: u16,
     /// When the timer has opened the shutter, and when it closes it.
     pub(crate) timed_us: Option<(u64, u64)>,

@@ -49,7 +49,8 @@ pub(crate) struct Bench {
     pub(crate) beats: u32,
     pub(crate) stop_pressed: bool,
     pub(crate) alarm: [bool; 4],
-    /// Pins that are wired the other way round, of each axis and of the rest; and how often an output was written.
+    /// Pins that are wired the other way round, of each axis and of the rest; and how often an output was
+    /// written.
     pub(crate) inverted: ([Pins; 4], Pins),
     pub(crate) writes: u32,
     pub(crate) hot: bool,

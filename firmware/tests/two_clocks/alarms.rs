@@ -14,8 +14,8 @@ fn alarmed(alarm: Alarm, alarm_debounce_us: u16) -> Configuration {
     configuration
 }
 
-/// Polls that last long enough for many pulses to be between two of them. The interrupt comes late by some µs too, more where the steps' runs
-/// before it: a pulse's length is known to that.
+/// Polls that last long enough for many pulses to be between two of them. The interrupt comes late by some µs
+/// too, more where the steps' runs before it: a pulse's length is known to that.
 const BUSY: Costs = Costs { latency_ns: 4000, look_ns: 20_000, poll_ns: 400_000, long_every: 0, long_ns: 0 };
 
 /// A rig in the middle of a move of all axes, and the move.

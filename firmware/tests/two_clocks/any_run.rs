@@ -60,8 +60,9 @@ fn runs() -> impl Strategy<Value = Run> {
     )
 }
 
-/// What must hold in any run: pulses as long as asked for; no step faster, and no change of speed quicker, than allowed; each move
-/// that is done at its target and each home at its switch, or a fault; and after a fault no position that is trusted.
+/// What must hold in any run: pulses as long as asked for; no step faster, and no change of speed quicker,
+/// than allowed; each move that is done at its target and each home at its switch, or a fault; and after a
+/// fault no position that is trusted.
 fn holds(run: &Run) -> Result<(), TestCaseError> {
     let mut configuration = configuration(run.speed, run.acceleration, run.jerk);
     configuration.settings.pulse_us = run.pulse_us;
@@ -91,7 +92,8 @@ fn holds(run: &Run) -> Result<(), TestCaseError> {
         }
         prop_assert_ne!(outcome, Outcome::Running, "{:?} is never answered", command);
         let status = rig.status();
-        // Late by the latency, by what keeps the interrupt out, and by what a motor bears. The step that was too late ended its axis's run.
+        // Late by the latency, by what keeps the interrupt out, and by what a motor bears. The step that was
+        // too late ended its axis's run.
         let uncertain_ns = 110_000 + 2 * run.costs.latency_ns;
         for (steps, p) in rig.world.borrow().steps.iter().zip(&configuration.axes) {
             let in_time = steps.len() - usize::from(!status.faults.is_empty() && !steps.is_empty());

@@ -1,4 +1,5 @@
-//! The controller at its pins, with a step interrupt that breaks into it anywhere: what no single virtual clock can show.
+//! The controller at its pins, with a step interrupt that breaks into it anywhere: what no single virtual
+//! clock can show.
 #![allow(clippy::unwrap_used)]
 
 mod alarms;
@@ -66,8 +67,8 @@ fn has_fault(outcome: Outcome, fault: Fault) -> bool {
     matches!(outcome, Outcome::Refused(Refusal::Faulted(faults)) if faults.contains(fault))
 }
 
-/// From each step to the next the speed changes by no more than the acceleration allows, with step times uncertain by so many ns, and
-/// each late by no more than a part of its interval.
+/// From each step to the next the speed changes by no more than the acceleration allows, with step times
+/// uncertain by so many ns, and each late by no more than a part of its interval.
 fn check_speeds(steps: &[Step], p: &AxisParameters, uncertain_ns: u64, late: f64) -> Result<(), String> {
     let uncertain_s = uncertain_ns as f64 * 1e-9;
     for run in steps.chunk_by(|a, b| a.up == b.up) {

@@ -1,8 +1,10 @@
-//! A rig on which the steps' interrupt runs by a timer of its own and breaks into the controller's polls anywhere.
+//! A rig on which the steps' interrupt runs by a timer of its own and breaks into the controller's polls
+//! anywhere.
 //!
-//! Time passes in ns with everything that is done: each access to a pin, each look at the steps, each read of the timer. Wherever the
-//! controller is not inside its critical section the interrupt runs when it is due, late by a random time; polls last as long as they
-//! are told to. The controller's clock is the step timer's, or one that drifts and skips against it.
+//! Time passes in ns with everything that is done: each access to a pin, each look at the steps, each read of
+//! the timer. Wherever the controller is not inside its critical section the interrupt runs when it is due,
+//! late by a random time; polls last as long as they are told to. The controller's clock is the step timer's,
+//! or one that drifts and skips against it.
 #![allow(clippy::unwrap_used)]
 
 use std::cell::{Cell, RefCell};
@@ -400,7 +402,8 @@ impl Rig {
         (us - self.skew.behind_us - drift).max(0) as u64
     }
 
-    /// Once round the main loop: polls, wakes the interrupt, and rests until something is due, a millisecond at most.
+    /// Once round the main loop: polls, wakes the interrupt, and rests until something is due, a millisecond
+    /// at most.
     pub(crate) fn turn(&mut self) {
         let now_us = self.main_us();
         self.world.borrow_mut().spend(3000);

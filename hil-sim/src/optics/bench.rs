@@ -71,7 +71,8 @@ const POINTS: usize = 4;
 /// Centres of the four quarters of a pixel, pixels from its centre.
 const PIXEL_POINTS: [[f64; 2]; POINTS] = [[-0.25, -0.25], [0.25, -0.25], [-0.25, 0.25], [0.25, 0.25]];
 
-/// Directions of the four aperture points; at R/√2 they have the second moments of a uniform disc of radius R.
+/// Directions of the four aperture points; at R/√2 they have the second moments of a uniform disc of radius
+/// R.
 const APERTURE_POINTS: [[f64; 2]; POINTS] = [[1.0, 0.0], [0.0, 1.0], [0.0, -1.0], [-1.0, 0.0]];
 
 /// The bench at one set of true angles, all in the sample's frame.
@@ -91,7 +92,8 @@ impl OpticalBench {
             .into_par_iter()
             .map(|index| {
                 let (x, y) = ((index % camera.width) as f64, (index / camera.width) as f64);
-                // Jittered within its quarter: regular points would shift every edge that lies along the pixels alike.
+                // Jittered within its quarter: regular points would shift every edge that lies along the
+                // pixels alike.
                 let jitter = |k: usize| {
                     let bits = noise::combine(&[index as u64, k as u64]);
                     ((bits >> 40) as f64 / (1u64 << 24) as f64 - 0.5) * 0.5
@@ -187,7 +189,8 @@ impl OpticalBench {
         irradiance * self.reflectance(hit, wi.as_vec3(), wo.as_vec3(), channel)
     }
 
-    /// The direction from a point toward a point of the aperture, and the irradiance that the aperture gives there.
+    /// The direction from a point toward a point of the aperture, and the irradiance that the aperture gives
+    /// there.
     fn irradiance(
         &self,
         stage: &Stage,
@@ -224,8 +227,8 @@ impl OpticalBench {
         albedo * std::f64::consts::FRAC_1_PI
     }
 
-    /// The mosaic that the sensor records of a radiance image, with the lamp at `lamp_relative` of nominal and the
-    /// shutter open for `open_s`; `key` decides the noise.
+    /// The mosaic that the sensor records of a radiance image, with the lamp at `lamp_relative` of nominal
+    /// and the shutter open for `open_s`; `key` decides the noise.
     pub fn record(&self, image: &RadianceImage, lamp_relative: f64, open_s: f64, key: u64) -> Vec<u16> {
         let width = self.config.camera.width;
         let mut values = vec![0u16; image.data.len()];

@@ -82,8 +82,8 @@ pub struct SensorModel {
 }
 
 impl SensorModel {
-    /// The value that a pixel of colour `channel` records for a radiance (already scaled to the lamp's state) over
-    /// `open_s` seconds: shot noise of light and dark signal, read noise, clipping, quantisation.
+    /// The value that a pixel of colour `channel` records for a radiance (already scaled to the lamp's state)
+    /// over `open_s` seconds: shot noise of light and dark signal, read noise, clipping, quantisation.
     pub fn record(&self, radiance: f32, channel: usize, open_s: f64, key: u64) -> u16 {
         let light = f64::from(radiance) * self.responsivity[channel] * open_s * self.electrons_per_value;
         let mean = (light + self.dark_e_s * open_s) as f32;

@@ -1,5 +1,5 @@
-//! A sample bent over a cylinder: a sheet whose two side edges rest on the carrier and whose middle stands above it. The
-//! cylinder's axis runs along the sample's y.
+//! A sample bent over a cylinder: a sheet whose two side edges rest on the carrier and whose middle stands
+//! above it. The cylinder's axis runs along the sample's y.
 
 use glam::DVec3;
 

@@ -1,4 +1,5 @@
-//! Random numbers as pure functions of a key, so that a frame's noise does not depend on what was taken before it.
+//! Random numbers as pure functions of a key, so that a frame's noise does not depend on what was taken
+//! before it.
 
 use std::sync::LazyLock;
 
@@ -9,8 +10,9 @@ pub fn combine(keys: &[u64]) -> u64 {
     hash(keys)
 }
 
-/// Quantiles of the standard normal distribution at (k + ½) / 65536: a frame draws millions of numbers, and a look-up costs
-/// a fifth of Box and Muller's formula. Scaled to variance 1, which the cut tails would miss by 4e-5.
+/// Quantiles of the standard normal distribution at (k + ½) / 65536: a frame draws millions of numbers, and a
+/// look-up costs a fifth of Box and Muller's formula. Scaled to variance 1, which the cut tails would miss by
+/// 4e-5.
 static QUANTILES: LazyLock<Box<[f32; LEVELS]>> = LazyLock::new(|| {
     let raw: Vec<f64> = (0..LEVELS).map(|k| quantile((k as f64 + 0.5) / LEVELS as f64)).collect();
     let deviation = (raw.iter().map(|q| q * q).sum::<f64>() / LEVELS as f64).sqrt();
@@ -54,8 +56,9 @@ fn level(bits: u64, shift: u32) -> usize {
     (bits >> shift) as usize & (LEVELS - 1)
 }
 
-/// The electrons that a pixel gives for a mean of `mean` electrons and read noise of `read` electrons RMS: shot noise by
-/// inversion of Poisson's law below 32, where the normal limit is still skew, and one normal number for both above.
+/// The electrons that a pixel gives for a mean of `mean` electrons and read noise of `read` electrons RMS:
+/// shot noise by inversion of Poisson's law below 32, where the normal limit is still skew, and one normal
+/// number for both above.
 pub fn electrons(key: u64, mean: f32, read: f32) -> f32 {
     let bits = hash(&[key]);
     let table = &**QUANTILES;

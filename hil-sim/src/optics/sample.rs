@@ -54,8 +54,8 @@ pub enum Pattern {
         /// Edge of a square.
         size_mm: f64,
     },
-    /// A plain weave: warp threads along y of the even materials, weft threads along x (turned by 90°) of the odd ones,
-    /// over and under in turn.
+    /// A plain weave: warp threads along y of the even materials, weft threads along x (turned by 90°) of the
+    /// odd ones, over and under in turn.
     Weave {
         /// From one thread to the next.
         pitch_mm: f64,
@@ -84,7 +84,8 @@ impl Pattern {
     }
 }
 
-/// How far the sample reaches beyond the measured part on every side, mm, so that texels at the edge see no carrier.
+/// How far the sample reaches beyond the measured part on every side, mm, so that texels at the edge see no
+/// carrier.
 const ALLOWANCE_MM: f64 = 1.5;
 
 /// The sample: its size, its materials and their pattern.
@@ -113,7 +114,8 @@ impl SampleLayout {
         [self.width_mm, self.height_mm]
     }
 
-    /// Whether a point of the carrier's plane lies on the sample, which is cut a little larger than what is measured of it.
+    /// Whether a point of the carrier's plane lies on the sample, which is cut a little larger than what is
+    /// measured of it.
     pub fn contains(&self, x_mm: f64, y_mm: f64) -> bool {
         let within = |place: f64, length: f64| place.abs() <= 0.5 * length + ALLOWANCE_MM;
         within(x_mm, self.width_mm) && within(y_mm, self.height_mm)

@@ -1,7 +1,9 @@
-//! The printed fiducials of the simulated carrier: AprilTags of the family tag36h11 (Olson 2011), ids 0 to 47.
+//! The printed fiducials of the simulated carrier: AprilTags of the family tag36h11 (Olson 2011), ids 0
+//! to 47.
 //!
-//! A tag is 8 × 8 modules: a black border one module wide around 6 × 6 data modules, with one module of white paper
-//! (the quiet zone) around it. The table is written apart from the host's: the host's detector is tested against it.
+//! A tag is 8 × 8 modules: a black border one module wide around 6 × 6 data modules, with one module of white
+//! paper (the quiet zone) around it. The table is written apart from the host's: the host's detector is
+//! tested against it.
 
 /// How many tags of the family can be drawn.
 pub const COUNT: u32 = CODES.len() as u32;
@@ -9,8 +11,8 @@ pub const COUNT: u32 = CODES.len() as u32;
 /// Modules across the black border's outer edge.
 const MODULES: f64 = 8.0;
 
-/// The family's first codes, one bit a data module, 1 for white: bit 35 is the upright tag's top left module, then row
-/// by row, each from left to right, down to bit 0 at the bottom right.
+/// The family's first codes, one bit a data module, 1 for white: bit 35 is the upright tag's top left module,
+/// then row by row, each from left to right, down to bit 0 at the bottom right.
 #[rustfmt::skip]
 const CODES: [u64; 48] = [
     0xd5d628584, 0xd97f18b49, 0xdd280910e, 0xe479e9c98, 0xebcbca822, 0xf31dab3ac,
@@ -23,8 +25,9 @@ const CODES: [u64; 48] = [
     0xd290aa77b, 0xd9e28b305, 0xe4dd5c454, 0xfad2fe6f2, 0x181a8151a, 0x26be42c2e,
 ];
 
-/// Whether the print of tag `id` is white at (u, v), both 0..1 across the black border's outer edge: u to the right and
-/// v down on the upright tag. Everything outside 0..1 is white, of which the first module (1/8) is the tag's quiet zone.
+/// Whether the print of tag `id` is white at (u, v), both 0..1 across the black border's outer edge: u to the
+/// right and v down on the upright tag. Everything outside 0..1 is white, of which the first module (1/8) is
+/// the tag's quiet zone.
 ///
 /// # Panics
 ///

@@ -1,5 +1,5 @@
-//! Files and folders that are there whole or not at all, after a crash or a cut of the power too: written under a name that nothing
-//! else has, synced, renamed, and the folder synced.
+//! Files and folders that are there whole or not at all, after a crash or a cut of the power too: written
+//! under a name that nothing else has, synced, renamed, and the folder synced.
 
 use std::fs::{self, File};
 use std::io::{self, BufWriter, Write};
@@ -7,8 +7,8 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::{SystemTime, UNIX_EPOCH};
 
-/// A name beside `path` that no file has: its own, then `ending` and a number that differs from process to process and from call to
-/// call.
+/// A name beside `path` that no file has: its own, then `ending` and a number that differs from process to
+/// process and from call to call.
 pub fn unused_name(path: &Path, ending: &str) -> PathBuf {
     static CALLS: AtomicU64 = AtomicU64::new(0);
     let time = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
@@ -43,8 +43,9 @@ pub fn sync_folder(folder: &Path) -> io::Result<()> {
     if cfg!(unix) { File::open(folder)?.sync_all() } else { Ok(()) }
 }
 
-/// Writes a file through `fill`, and its folder first if that is missing. A process killed at any moment leaves the old file or the new
-/// one. What is no file, as `/dev/null` or a pipe, is written to and not replaced.
+/// Writes a file through `fill`, and its folder first if that is missing. A process killed at any moment
+/// leaves the old file or the new one. What is no file, as `/dev/null` or a pipe, is written to and not
+/// replaced.
 ///
 /// # Errors
 /// When the folder or the disk refuses; the temporary file is then removed.
@@ -70,14 +71,15 @@ pub fn write(path: &Path, fill: impl FnOnce(&mut dyn Write) -> io::Result<()>) -
     })
 }
 
-/// Puts a folder, complete under a temporary name, in the place of `path`. What was there, if anything, is removed once the new one is
-/// there to stay; nothing else is.
+/// Puts a folder, complete under a temporary name, in the place of `path`. What was there, if anything, is
+/// removed once the new one is there to stay; nothing else is.
 ///
 /// # Errors
 /// When the disk refuses; what was there before is then put back.
 pub fn replace_folder(temporary: &Path, path: &Path) -> io::Result<()> {
     sync_tree(temporary)?;
-    // A folder cannot be replaced in one step: the earlier one goes aside, so that one of the two is always whole.
+    // A folder cannot be replaced in one step: the earlier one goes aside, so that one of the two is always
+    // whole.
     let aside = unused_name(path, "old");
     let earlier = path.exists();
     if earlier {
@@ -102,8 +104,8 @@ fn sync_tree(folder: &Path) -> io::Result<()> {
     sync_folder(folder)
 }
 
-/// Tries whether a file or folder could be written at `path`: leaves nothing behind. Folders that are missing can be made where the
-/// first one that there is takes a file.
+/// Tries whether a file or folder could be written at `path`: leaves nothing behind. Folders that are missing
+/// can be made where the first one that there is takes a file.
 ///
 /// # Errors
 /// As writing there would give.

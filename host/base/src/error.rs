@@ -1,4 +1,5 @@
-//! The one error type of the host: what went wrong, in one sentence, and whose fault it is (which decides the exit code).
+//! The one error type of the host: what went wrong, in one sentence, and whose fault it is (which decides the
+//! exit code).
 
 use std::any::TypeId;
 use std::fmt;
@@ -7,8 +8,9 @@ use std::sync::Arc;
 
 use crate::files;
 
-/// An error with a sentence for the user: what is wrong, where (file, line, pose, texel) and what to do. What it came from, where
-/// that was an error of another library, is its [source](std::error::Error::source); the sentence stands without it.
+/// An error with a sentence for the user: what is wrong, where (file, line, pose, texel) and what to do. What
+/// it came from, where that was an error of another library, is its [source](std::error::Error::source); the
+/// sentence stands without it.
 #[derive(Debug, Clone)]
 pub struct Error {
     kind: Kind,
@@ -56,8 +58,8 @@ impl Error {
         Self { kind: Kind::Failure, message: message.into(), source: None }
     }
 
-    /// A file that could not be read: input when it is missing or not readable as what it should be. What stands in its place is named
-    /// where it is a folder.
+    /// A file that could not be read: input when it is missing or not readable as what it should be. What
+    /// stands in its place is named where it is a folder.
     pub fn reading<E: Into<Cause> + 'static>(path: &Path, error: E) -> Self {
         if path.is_dir() {
             let what = files::what_is(path).unwrap_or("a folder");

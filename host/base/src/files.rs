@@ -6,7 +6,8 @@ use std::path::{Path, PathBuf};
 use crate::durable;
 use crate::error::{Error, Result};
 
-/// Writes a file through `fill`, and the folders that it lacks; a process killed at any moment leaves the old file or the new one.
+/// Writes a file through `fill`, and the folders that it lacks; a process killed at any moment leaves the old
+/// file or the new one.
 ///
 /// # Errors
 /// When the folder or the disk refuses.
@@ -22,7 +23,8 @@ pub fn write_bytes(path: &Path, bytes: &[u8]) -> Result<()> {
     write_atomically(path, |writer| writer.write_all(bytes))
 }
 
-/// Tries whether a file can be written at `path`, before the work whose result it shall hold; leaves nothing behind.
+/// Tries whether a file can be written at `path`, before the work whose result it shall hold; leaves nothing
+/// behind.
 ///
 /// # Errors
 /// An input error for a name that a folder has, and a failure where folder or disk refuse.
@@ -47,7 +49,8 @@ pub fn try_folder(path: &Path) -> Result<()> {
     durable::try_writing(&path.join("file")).map_err(|error| Error::writing(path, error))
 }
 
-/// Whether two names are those of one file or folder, which need not be there yet. What is neither, as a pipe, may be named twice.
+/// Whether two names are those of one file or folder, which need not be there yet. What is neither, as a
+/// pipe, may be named twice.
 pub fn same(first: &Path, second: &Path) -> bool {
     match (std::fs::metadata(first), std::fs::metadata(second)) {
         (Ok(first_meta), Ok(second_meta)) => {
@@ -84,7 +87,8 @@ fn whole_name(path: &Path) -> PathBuf {
     }
 }
 
-/// What a file or folder is that stands in another's place, by its content or its name's ending; none for what that does not tell.
+/// What a file or folder is that stands in another's place, by its content or its name's ending; none for
+/// what that does not tell.
 pub fn what_is(path: &Path) -> Option<&'static str> {
     if path.is_dir() {
         let has = |name: &str| path.join(name).is_file();

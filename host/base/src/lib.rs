@@ -1,5 +1,5 @@
-//! What every crate of the host stands on: errors, files, reports, progress, small linear algebra, random numbers,
-//! pages.
+//! What every crate of the host stands on: errors, files, reports, progress, small linear algebra, random
+//! numbers, pages.
 
 pub mod durable;
 pub mod error;

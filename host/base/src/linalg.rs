@@ -30,7 +30,8 @@ impl<const N: usize> Normal<N> {
         }
     }
 
-    /// The solution with the diagonal enlarged by a factor 1 + damping (Marquardt), if the equations determine it.
+    /// The solution with the diagonal enlarged by a factor 1 + damping (Marquardt), if the equations
+    /// determine it.
     pub fn solve(&self, damping: f64) -> Option<[f64; N]> {
         Some(substitute(&self.factor(damping)?, self.right))
     }

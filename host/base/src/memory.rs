@@ -1,11 +1,13 @@
-//! Whether the machine has the memory that a command is asked for, told before the work: the system would end the process in its midst.
+//! Whether the machine has the memory that a command is asked for, told before the work: the system would end
+//! the process in its midst.
 
 use crate::error::{Error, Result};
 
 /// Memory of a machine that does not tell, bytes.
 const UNTOLD: u64 = 1 << 40;
 
-/// Refuses work that needs more memory than the machine has; `what` names it, and `instead` says what to ask for.
+/// Refuses work that needs more memory than the machine has; `what` names it, and `instead` says what to ask
+/// for.
 ///
 /// # Errors
 /// An input error with both amounts.
@@ -40,7 +42,8 @@ fn of_machine() -> u64 {
     address_limit(&text("/proc/self/limits")).map_or(total, |limit| total.min(limit.saturating_sub(taken)))
 }
 
-/// Bytes of addresses that a process may have, by the text of its limits; batch systems set that. None where it is unlimited.
+/// Bytes of addresses that a process may have, by the text of its limits; batch systems set that. None where
+/// it is unlimited.
 fn address_limit(limits: &str) -> Option<u64> {
     let line = limits.lines().find_map(|line| line.strip_prefix("Max address space"))?;
     line.split_whitespace().next()?.parse().ok()

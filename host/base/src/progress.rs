@@ -1,5 +1,5 @@
-//! Progress of long work: a bar with rate and time left on a terminal; where nobody watches, as in a batch job's log, a line now and
-//! then; silence with `--quiet`.
+//! Progress of long work: a bar with rate and time left on a terminal; where nobody watches, as in a batch
+//! job's log, a line now and then; silence with `--quiet`.
 
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Mutex, PoisonError};
@@ -24,7 +24,8 @@ fn quiet() -> bool {
     QUIET.load(Ordering::Relaxed)
 }
 
-/// A bar over `total` items called `unit` (poses, texels); it clears itself when dropped. Within the life of another it is not shown.
+/// A bar over `total` items called `unit` (poses, texels); it clears itself when dropped. Within the life of
+/// another it is not shown.
 pub fn bar(label: &str, total: u64, unit: &str) -> Bar {
     let mut shown = SHOWN.lock().unwrap_or_else(PoisonError::into_inner);
     let outermost = shown.is_none();
@@ -185,7 +186,8 @@ mod tests {
         assert_eq!(at(7320, 99), Some("developing: 200 of 400 poses (0.027/s, 2.0 h left)".into()));
     }
 
-    /// Other tests may have bars of their own at the same time, so only what one bar does to the next is looked at.
+    /// Other tests may have bars of their own at the same time, so only what one bar does to the next is
+    /// looked at.
     #[test]
     fn a_bar_within_a_bar_is_not_shown() {
         let outer = bar("maps", 3, "maps");

@@ -1,8 +1,10 @@
-//! What made a map or a store, in attributes of its own: version, command and hashes of what it was made from.
+//! What made a map or a store, in attributes of its own: version, command and hashes of what it was made
+//! from.
 //!
-//! The same inputs give the same bytes, on any number of threads and in any number of parts. So the command is told without what
-//! changes nothing in the file (its own name, folders, threads, parts), and a date only where the environment variable
-//! SOURCE_DATE_EPOCH gives one (reproducible-builds.org); reports have the date of the run.
+//! The same inputs give the same bytes, on any number of threads and in any number of parts. So the command
+//! is told without what changes nothing in the file (its own name, folders, threads, parts), and a date only
+//! where the environment variable SOURCE_DATE_EPOCH gives one (reproducible-builds.org); reports have the
+//! date of the run.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -21,7 +23,8 @@ const SHARDS: &str = "--merge";
 pub struct Input {
     /// As named by the user.
     pub path: String,
-    /// Hash of the file; of a sampled SBRDF, that of its size and poses; of another folder, that of its files' names and hashes.
+    /// Hash of the file; of a sampled SBRDF, that of its size and poses; of another folder, that of its
+    /// files' names and hashes.
     pub sha256: Option<String>,
 }
 

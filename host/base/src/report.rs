@@ -120,8 +120,9 @@ impl Report {
         provenance::texts(&self.arguments, &self.inputs)
     }
 
-    /// Notes the hashes of folders, which take as long as reading them, and the peak of memory so far; called last.
-    /// `of_store` gives that of a sampled SBRDF's size and poses, since its samples take as long to read as the work took.
+    /// Notes the hashes of folders, which take as long as reading them, and the peak of memory so far; called
+    /// last. `of_store` gives that of a sampled SBRDF's size and poses, since its samples take as long to
+    /// read as the work took.
     pub fn finish(&mut self, of_store: impl Fn(&Path) -> Option<String>) {
         for input in self.inputs.iter_mut().filter(|input| input.sha256.is_none()) {
             let folder = Path::new(&input.path);
@@ -165,7 +166,8 @@ fn folder_sha256(folder: &Path) -> Option<String> {
     Some(sha256(all.as_bytes()))
 }
 
-/// All files in a folder and those within. Links, which may lead out of it or round in circles, and pipes are left out.
+/// All files in a folder and those within. Links, which may lead out of it or round in circles, and pipes are
+/// left out.
 fn list(folder: &Path, files: &mut Vec<PathBuf>) -> std::io::Result<()> {
     for entry in std::fs::read_dir(folder)? {
         let path = entry?.path();

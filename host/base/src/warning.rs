@@ -1,8 +1,8 @@
-//! What a person needs to know before a measurement or a fit is trusted: each warning is one line on the terminal and
-//! an entry of the report.
+//! What a person needs to know before a measurement or a fit is trusted: each warning is one line on the
+//! terminal and an entry of the report.
 //!
-//! What finds them stands with what it looks at: samples by pose, predicted, photographed or stored; where light and
-//! camera stood; poses and texels that a fit leaves much of.
+//! What finds them stands with what it looks at: samples by pose, predicted, photographed or stored; where
+//! light and camera stood; poses and texels that a fit leaves much of.
 
 use serde::Serialize;
 

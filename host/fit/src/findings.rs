@@ -1,4 +1,5 @@
-//! What is known of a fit once it is made: its errors, counts and rates, and what a person should know before trusting it.
+//! What is known of a fit once it is made: its errors, counts and rates, and what a person should know before
+//! trusting it.
 
 use std::collections::BTreeMap;
 
@@ -14,7 +15,8 @@ use lobelia_reflectance::sampled::SampledStore;
 use lobelia_reflectance::warning::samples::{self, Step, Tally};
 use lobelia_reflectance::{SbrdfMap, albedo};
 
-/// Directional albedo from which on a texel counts as making light: the error of a measurement's scale and of sums is below.
+/// Directional albedo from which on a texel counts as making light: the error of a measurement's scale and of
+/// sums is below.
 const MAKES_LIGHT: f32 = 1.02;
 
 /// The names of the groups of held-out poses: all, those near a fitted one, and the others.
@@ -114,7 +116,8 @@ impl Findings {
         self.add_poses(store, map)
     }
 
-    /// Warns of the poses and texels of a map that was joined of parts, as after one fit; samples are counted by the parts.
+    /// Warns of the poses and texels of a map that was joined of parts, as after one fit; samples are counted
+    /// by the parts.
     ///
     /// # Errors
     /// When a chunk of the store cannot be read.
@@ -165,7 +168,8 @@ pub struct Summary {
     pub fitted: usize,
     /// Median and 95th percentile over those of the residual's RMS over the samples'.
     pub residual: [f64; 2],
-    /// By how much the relative residual rose in each texel that was changed so that it makes no light, ascending; none after a free fit.
+    /// By how much the relative residual rose in each texel that was changed so that it makes no light,
+    /// ascending; none after a free fit.
     pub bound_prices: Option<Vec<f32>>,
     /// Texels that reflect more light than they receive, and the largest albedo of those.
     pub making_light: (usize, f32),

@@ -1,5 +1,5 @@
-//! Fits sampled SBRDFs and measured tables with lobes; edits the maps that come of it; and makes samples of known
-//! materials to try fits on.
+//! Fits sampled SBRDFs and measured tables with lobes; edits the maps that come of it; and makes samples of
+//! known materials to try fits on.
 //!
 //! ```
 //! use lobelia_fit::fit::request::{Lobes, Request};

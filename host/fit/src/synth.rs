@@ -1,4 +1,5 @@
-//! Sampled SBRDFs of known materials, without a rig: random poses, exact directions, noise as it is asked for.
+//! Sampled SBRDFs of known materials, without a rig: random poses, exact directions, noise as it is asked
+//! for.
 
 use glam::{DVec3, Vec3};
 use half::f16;
@@ -49,8 +50,8 @@ pub fn poses(count: usize, seed: u64) -> Vec<PoseGeometry> {
         .collect()
 }
 
-/// Samples `reflectance`, which is given a texel's index, its place on the sample (mm), `wi` and `wo`, at random poses. Noise may make
-/// values negative.
+/// Samples `reflectance`, which is given a texel's index, its place on the sample (mm), `wi` and `wo`, at
+/// random poses. Noise may make values negative.
 pub fn sample(
     options: &Options,
     reflectance: impl Fn(usize, DVec3, Vec3, Vec3) -> Rgb + Sync,
@@ -98,7 +99,8 @@ pub fn sample_at(
     sampled
 }
 
-/// A random material of lobes with shapes shared by the channels, n 5..150: forward off-specular and retro-reflective ones.
+/// A random material of lobes with shapes shared by the channels, n 5..150: forward off-specular and
+/// retro-reflective ones.
 pub fn material(lobes: usize, random: &mut Random) -> LobeBrdf {
     let mut brdf = LobeBrdf::diffuse(colour(random, 0.1, 0.6));
     for index in 0..lobes {

@@ -110,7 +110,8 @@ impl Gpu {
         }
     }
 
-    /// A buffer with the given content; an empty one gets one element of zeros, since bindings cannot be empty.
+    /// A buffer with the given content; an empty one gets one element of zeros, since bindings cannot be
+    /// empty.
     ///
     /// # Errors
     /// A failure when the content is larger than the device can bind.

@@ -1,4 +1,5 @@
-//! The shaders of light from afar: one that gathers prefiltered maps, one that reflects them; and what they read.
+//! The shaders of light from afar: one that gathers prefiltered maps, one that reflects them; and what they
+//! read.
 
 use bytemuck::{Pod, Zeroable};
 use glam::Vec4;
@@ -22,8 +23,8 @@ pub struct Sky {
 }
 
 impl Sky {
-    /// An environment turned about +y, with so many maps of S. `horizon` says whether lobes are corrected near it; of
-    /// `harmonics`, where there are any, comes D(N) instead of from its map.
+    /// An environment turned about +y, with so many maps of S. `horizon` says whether lobes are corrected
+    /// near it; of `harmonics`, where there are any, comes D(N) instead of from its map.
     pub fn new(turn: f32, maps: u32, horizon: bool, harmonics: Option<[Vec4; 9]>) -> Self {
         let (sin, cos) = turn.sin_cos();
         Self {

@@ -1,4 +1,5 @@
-//! The GPU: finding one and giving it work; and the shaders, each with the structures that Rust and WGSL share.
+//! The GPU: finding one and giving it work; and the shaders, each with the structures that Rust and WGSL
+//! share.
 
 mod device;
 pub mod environment;

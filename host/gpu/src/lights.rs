@@ -13,7 +13,8 @@ pub const SHADER: &str = concat!(
 );
 
 /// Where there is no light from afar.
-pub const NOT_DISTANT: &str = "fn distant_of(object: u32, footprint: Footprint, frame: mat3x3f, wo: vec3f) -> vec3f { return vec3f(0.0); }";
+pub const NOT_DISTANT: &str = "fn distant_of(object: u32, footprint: Footprint, frame: mat3x3f, wo: vec3f) \
+     -> vec3f { return vec3f(0.0); }";
 
 /// Uniforms.
 #[derive(Debug, Clone, Copy, Pod, Zeroable)]
@@ -71,8 +72,8 @@ pub struct Material {
     pub padding: [u32; 3],
 }
 
-/// A node of the tree, a node's first child after it; for leaves the run of triangles, else a count of 0 and the node that follows
-/// its last descendant.
+/// A node of the tree, a node's first child after it; for leaves the run of triangles, else a count of 0 and
+/// the node that follows its last descendant.
 #[derive(Debug, Clone, Copy, Pod, Zeroable)]
 #[repr(C)]
 pub struct Node {
@@ -99,8 +100,8 @@ pub struct Leaf {
 }
 
 impl Leaf {
-    /// A triangle of an object by its first corner and its edges: from the second corner to the first, and from the
-    /// first to the third.
+    /// A triangle of an object by its first corner and its edges: from the second corner to the first, and
+    /// from the first to the third.
     pub fn new(corner: [f32; 3], [e1, e2]: [[f32; 3]; 2], triangle: u32, object: u32) -> Self {
         Self { corner, triangle, e1, object, e2, padding: 0 }
     }

@@ -1,5 +1,5 @@
-//! Keeps a driver's noise off the terminal: where XDG_RUNTIME_DIR is not set, as in batch jobs and containers, Mesa writes a line about it
-//! for every device that is opened, though nothing is wrong.
+//! Keeps a driver's noise off the terminal: where XDG_RUNTIME_DIR is not set, as in batch jobs and
+//! containers, Mesa writes a line about it for every device that is opened, though nothing is wrong.
 
 use std::io::{Read, Seek, Write};
 use std::sync::{Mutex, PoisonError};

@@ -1,5 +1,5 @@
-//! What Rust writes is where WGSL reads it: sizes and offsets of every shared structure, as naga lays out the shader's
-//! own.
+//! What Rust writes is where WGSL reads it: sizes and offsets of every shared structure, as naga lays out the
+//! shader's own.
 
 use std::mem::offset_of;
 
@@ -17,8 +17,8 @@ fn laid_out(source: &str, name: &str) -> (usize, Vec<(String, usize)>) {
     (*span as usize, members.collect())
 }
 
-/// Compares a structure with that of a shader, member by member; a member that Rust has by another name comes with its
-/// offset.
+/// Compares a structure with that of a shader, member by member; a member that Rust has by another name comes
+/// with its offset.
 macro_rules! same {
     ($source:expr, $name:literal, $of:ty, $($member:ident $(= $offset:expr)?),+) => {
         let expected = vec![$((stringify!($member).to_string(), same!(@ $of, $member $(, $offset)?))),+];

@@ -1,8 +1,8 @@
 //! Measures: plans poses, drives the rig and its camera, keeps the run, and develops its photographs into
 //! reflectance.
 //!
-//! Arrows run one way: [`rig`] ← [`plan`] ← [`run`] ← [`develop`] ← [`acquire`], which judges photographs as they come
-//! in. Camera and clock are [traits](acquire::camera), so that nothing here knows a simulator.
+//! Arrows run one way: [`rig`] ← [`plan`] ← [`run`] ← [`develop`] ← [`acquire`], which judges photographs as
+//! they come in. Camera and clock are [traits](acquire::camera), so that nothing here knows a simulator.
 //!
 //! ```
 //! use lobelia_measure::{plan, rig::config::RigConfig};

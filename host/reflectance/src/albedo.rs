@@ -1,7 +1,8 @@
-//! Directional albedo a(ω_i) = ∫ f(ω_i, ω_o) cosθ_o dω_o: the share of the light from one direction that is reflected. Above 1 a
-//! material makes energy, which cosine lobes can at grazing incidence.
+//! Directional albedo a(ω_i) = ∫ f(ω_i, ω_o) cosθ_o dω_o: the share of the light from one direction that is
+//! reflected. Above 1 a material makes energy, which cosine lobes can at grazing incidence.
 //!
-//! About its peak p = C ω_i a lobe is |p|ⁿ cosⁿγ, of which the module `clipped` has the part above the horizon.
+//! About its peak p = C ω_i a lobe is |p|ⁿ cosⁿγ, of which the module `clipped` has the part above the
+//! horizon.
 
 mod clipped;
 
@@ -18,20 +19,21 @@ const MOST_LOG: f64 = 80.0;
 /// Parts along each axis for a microfacet term, whose samples weigh F G / G₁: errors below 0.5 %.
 const MICROFACET_PARTS: usize = 24;
 
-/// The polar angles, degrees, at which [`largest`] looks: close together toward grazing, where sharp lobes change fast.
+/// The polar angles, degrees, at which [`largest`] looks: close together toward grazing, where sharp lobes
+/// change fast.
 pub const INCIDENCES_DEG: [f64; 19] = [
     0.0, 10.0, 20.0, 30.0, 40.0, 50.0, 58.0, 64.0, 69.0, 73.0, 76.0, 79.0, 81.5, 84.0, 86.0, 87.5, 88.5,
     89.3, 89.8,
 ];
 
-/// Directional albedo of a lobe of ρ_s = 1 with its largest base at 1, for light from a direction in the lobe's own frame, whose
-/// z is the surface's normal.
+/// Directional albedo of a lobe of ρ_s = 1 with its largest base at 1, for light from a direction in the
+/// lobe's own frame, whose z is the surface's normal.
 pub fn lobe(c: DVec3, n: f64, wi: DVec3) -> f64 {
     about(c * wi, n, DVec3::Z)
 }
 
-/// As [`lobe`], on a surface whose normal, in the lobe's own frame, is another, and with the exponents of a lobe that sharpens, if it does:
-/// those of (6.19) at t = 1 and t = 0.
+/// As [`lobe`], on a surface whose normal, in the lobe's own frame, is another, and with the exponents of a
+/// lobe that sharpens, if it does: those of (6.19) at t = 1 and t = 0.
 pub fn lobe_on(c: DVec3, [n, n_grazing]: [f64; 2], wi: DVec3, normal: DVec3) -> f64 {
     if n == n_grazing {
         about(c * wi, n, normal)
@@ -72,8 +74,8 @@ pub fn directional(brdf: &LobeBrdf, wi: Vec3) -> Rgb {
     albedo
 }
 
-/// As [`about`], of a lobe that sharpens: directions are spread as the exponent at the peak would have it, and weigh what the
-/// exponent in their own direction makes of them.
+/// As [`about`], of a lobe that sharpens: directions are spread as the exponent at the peak would have it,
+/// and weigh what the exponent in their own direction makes of them.
 fn sharpening([n_normal, n_grazing]: [f64; 2], peak: DVec3, cos_i: f64, normal: DVec3) -> f64 {
     let length = peak.length();
     if length < 1e-9 {
@@ -108,8 +110,8 @@ pub fn azimuths(isotropic: bool) -> &'static [f64] {
     if isotropic { &[0.0] } else { &[0.0, 0.25, 0.5, 0.75] }
 }
 
-/// The largest directional albedo a channel over [`INCIDENCES_DEG`] and, where a lobe is anisotropic, four azimuths 45° apart, of lobes about
-/// a normal of their own eight.
+/// The largest directional albedo a channel over [`INCIDENCES_DEG`] and, where a lobe is anisotropic, four
+/// azimuths 45° apart, of lobes about a normal of their own eight.
 pub fn largest(brdf: &LobeBrdf) -> Rgb {
     let isotropic = brdf.lobes.iter().all(|lobe| lobe.c.x == lobe.c.y);
     let turns = match brdf.normal == glam::Vec2::ZERO {
@@ -128,8 +130,8 @@ pub fn largest(brdf: &LobeBrdf) -> Rgb {
     largest
 }
 
-/// What [`largest`] is at most in any channel, at little cost: all of every lobe above the horizon, along the normal. None where a microfacet term or a
-/// lobe that sharpens is in it.
+/// What [`largest`] is at most in any channel, at little cost: all of every lobe above the horizon, along the
+/// normal. None where a microfacet term or a lobe that sharpens is in it.
 pub fn at_most(brdf: &LobeBrdf) -> Option<f32> {
     if !brdf.microfacets.is_empty() {
         return None;

@@ -30,8 +30,9 @@ impl Primaries {
     pub const REC709: Self =
         Self { red: [0.64, 0.33], green: [0.30, 0.60], blue: [0.15, 0.06], white: [0.3127, 0.3290] };
 
-    /// The matrix from linear colours of this space to linear Rec. 709; whites are adapted by Bradford's cone responses, so that
-    /// white stays white. None for primaries that span no space, and the identity for those of Rec. 709 to the digits of a file.
+    /// The matrix from linear colours of this space to linear Rec. 709; whites are adapted by Bradford's cone
+    /// responses, so that white stays white. None for primaries that span no space, and the identity for
+    /// those of Rec. 709 to the digits of a file.
     pub fn to_rec709(&self) -> Option<Mat3> {
         let near = |a: [f64; 2], b: [f64; 2]| (a[0] - b[0]).abs() < 1e-4 && (a[1] - b[1]).abs() < 1e-4;
         let goal = Self::REC709;
@@ -127,7 +128,8 @@ mod tests {
 
     #[test]
     fn aces_primaries_come_to_rec_709_by_the_published_matrix_and_white_stays_white() {
-        // SMPTE ST 2065-1; the matrix with Bradford's adaptation from D60 to D65 as the Academy and OpenColorIO print it.
+        // SMPTE ST 2065-1; the matrix with Bradford's adaptation from D60 to D65 as the Academy and
+        // OpenColorIO print it.
         let aces = Primaries {
             red: [0.7347, 0.2653],
             green: [0.0, 1.0],

@@ -1,5 +1,6 @@
-//! The bi-angular distance between direction pairs, with reciprocal pairs equal and, for isotropic samples, pairs that
-//! differ by a turn about the normal or a mirror; and the polar angles up to which pairs are measured.
+//! The bi-angular distance between direction pairs, with reciprocal pairs equal and, for isotropic samples,
+//! pairs that differ by a turn about the normal or a mirror; and the polar angles up to which pairs are
+//! measured.
 
 use glam::DVec3;
 
@@ -29,8 +30,8 @@ impl DirectionPair {
     }
 }
 
-/// Distance in radians: the root of the summed squared chords between the light directions and between the view
-/// directions (a chord is the angle to 0.5 % below 20°), least over the pairs that count as equal.
+/// Distance in radians: the root of the summed squared chords between the light directions and between the
+/// view directions (a chord is the angle to 0.5 % below 20°), least over the pairs that count as equal.
 pub fn distance(a: DirectionPair, b: DirectionPair, isotropic: bool) -> f64 {
     let closeness = if isotropic { turned_closeness } else { closeness };
     let mut nearest = closeness(a, b).max(closeness(a, b.swapped()));
@@ -47,7 +48,8 @@ fn closeness(a: DirectionPair, b: DirectionPair) -> f64 {
     a.wi.dot(b.wi) + a.wo.dot(b.wo)
 }
 
-/// The greatest [`closeness`] over all turns of `b` about the normal: A + √(B² + C²) of A + B cos α + C sin α.
+/// The greatest [`closeness`] over all turns of `b` about the normal: A + √(B² + C²) of A + B cos α + C sin
+/// α.
 fn turned_closeness(a: DirectionPair, b: DirectionPair) -> f64 {
     let along = |u: DVec3, v: DVec3| u.x * v.x + u.y * v.y;
     let across = |u: DVec3, v: DVec3| u.y * v.x - u.x * v.y;

@@ -1,7 +1,8 @@
-//! Layers of OpenEXR files, read within bounds: nothing is allocated before the header has been held against the file's length, and
-//! only the channels that are asked for are kept.
+//! Layers of OpenEXR files, read within bounds: nothing is allocated before the header has been held against
+//! the file's length, and only the channels that are asked for are kept.
 //!
-//! Pixels stand where the file says: a data window smaller than the display window leaves the rest 0, a larger one is cut.
+//! Pixels stand where the file says: a data window smaller than the display window leaves the rest 0, a
+//! larger one is cut.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs::File;
@@ -19,8 +20,8 @@ use lobelia_base::files;
 use crate::FormatError;
 use crate::colour::Primaries;
 
-/// Values of a display window, over the channels that are read, that are believed whatever the file's length: what lies outside the
-/// data window costs the file nothing.
+/// Values of a display window, over the channels that are read, that are believed whatever the file's length:
+/// what lies outside the data window costs the file nothing.
 const MOST_EMPTY_VALUES: usize = 1 << 26;
 
 /// One layer, or part, of a file: the pixels of its display window.
@@ -40,12 +41,12 @@ pub struct ExrLayer {
     pub cube: bool,
 }
 
-/// Reads the first layer of a file in which `choose` finds what it wants: of a layer's channel names it gives those to read.
-/// `wanted` says what that is, for the error when there is none.
+/// Reads the first layer of a file in which `choose` finds what it wants: of a layer's channel names it gives
+/// those to read. `wanted` says what that is, for the error when there is none.
 ///
 /// # Errors
-/// [`FormatError::Invalid`] that names the file: it is missing or no OpenEXR file, larger than its bytes can hold, cut short, or has
-/// no such layer, in which case its channels are named.
+/// [`FormatError::Invalid`] that names the file: it is missing or no OpenEXR file, larger than its bytes can
+/// hold, cut short, or has no such layer, in which case its channels are named.
 pub fn read(
     path: &Path,
     wanted: &str,
@@ -123,8 +124,8 @@ fn check(header: &Header, length: u64) -> Result<(), String> {
     if header.deep {
         return Err("it has deep data (several samples a pixel); flatten it".into());
     }
-    // Bytes that one byte of the file can stand for at most: run lengths take 2 bytes for 128, deflate reaches 1032 to 1, wavelets and
-    // cosine transforms of one even colour more than that.
+    // Bytes that one byte of the file can stand for at most: run lengths take 2 bytes for 128, deflate
+    // reaches 1032 to 1, wavelets and cosine transforms of one even colour more than that.
     let ratio: u128 = match header.compression {
         Compression::Uncompressed => 1,
         Compression::RLE => 64,

@@ -1,9 +1,9 @@
-//! The vocabulary of reflectance that the host and the simulator share: lobes, a microfacet term, SBRDF maps, measured
-//! tables, colour, sampled SBRDFs and pictures.
+//! The vocabulary of reflectance that the host and the simulator share: lobes, a microfacet term, SBRDF maps,
+//! measured tables, colour, sampled SBRDFs and pictures.
 //!
-//! Directions are unit vectors in the sample's local frame (x, y the principal directions of anisotropy or the texture
-//! axes, z the outward normal): `wi` points toward the light, `wo` toward the viewer. Reflectance is in sr⁻¹ and never
-//! includes a cosine.
+//! Directions are unit vectors in the sample's local frame (x, y the principal directions of anisotropy or
+//! the texture axes, z the outward normal): `wi` points toward the light, `wo` toward the viewer. Reflectance
+//! is in sr⁻¹ and never includes a cosine.
 //!
 //! ```
 //! use glam::Vec3;
@@ -28,9 +28,11 @@
 //! ```
 
 pub mod albedo;
+pub mod ashikhmin;
 pub mod colour;
 pub mod distance;
 pub mod exr_file;
+pub mod fresnel;
 pub mod lobe;
 pub mod map;
 mod map_exr;
@@ -44,8 +46,9 @@ pub mod sampled;
 pub mod table;
 pub mod warning;
 
+pub use ashikhmin::AshikhminShirley;
 pub use lobe::{Lobe, LobeBrdf};
-pub use map::{LobePlane, MicrofacetPlane, SbrdfMap};
+pub use map::{LobePlane, MIRROR_SOLID_ANGLE, MicrofacetPlane, SbrdfMap};
 pub use map_exr::MapEncoding;
 pub use microfacet::Microfacet;
 pub use table::{InterpolatedBrdf, MeasuredTable};

@@ -1,22 +1,25 @@
-//! Generalised cosine lobes (4.1)–(4.4) and the BRDF that is a diffuse term and a sum of them; lobes that sharpen toward grazing (6.19),
-//! and lobes about a normal of their own, for which C is a full symmetric matrix (section 7 of the spec).
+//! Generalised cosine lobes (4.1)–(4.4) and the BRDF that is a diffuse term and a sum of them; lobes that
+//! sharpen toward grazing (6.19), and lobes about a normal of their own, for which C is a full symmetric
+//! matrix (section 7 of the spec).
 
 use glam::{Vec2, Vec3};
 use serde::{Deserialize, Serialize};
 
 use crate::{Brdf, Microfacet, Rgb};
 
-/// One lobe ρ_s (Cx ω_ix ω_ox + Cy ω_iy ω_oy + Cz ω_iz ω_oz)ⁿ (4.2). The base is clamped at 0 before the power.
+/// One lobe ρ_s (Cx ω_ix ω_ox + Cy ω_iy ω_oy + Cz ω_iz ω_oz)ⁿ (4.2). The base is clamped at 0 before the
+/// power.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Lobe {
     /// Albedo factor a channel, sr⁻¹ where the base is 1.
     pub rho_s: Rgb,
-    /// Diagonal of C: (−1, −1, 1) is Phong's lobe; Cx = Cy is isotropic; positive Cx, Cy are retro-reflective.
+    /// Diagonal of C: (−1, −1, 1) is Phong's lobe; Cx = Cy is isotropic; positive Cx, Cy are
+    /// retro-reflective.
     pub c: Vec3,
     /// Exponent; of a lobe that sharpens that for light and view along the normal, n₁ of (6.19).
     pub n: f32,
-    /// Exponent toward grazing, n₀ of (6.19); none for a lobe with the same exponent everywhere. The length of C then matters: scaling it is
-    /// not made up for by ρ_s.
+    /// Exponent toward grazing, n₀ of (6.19); none for a lobe with the same exponent everywhere. The length
+    /// of C then matters: scaling it is not made up for by ρ_s.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub n_grazing: Option<f32>,
 }
@@ -37,7 +40,8 @@ impl Lobe {
         (self.c * wi).dot(wo)
     }
 
-    /// s(wi, wo) without ρ_s: 0 where the base is ≤ 0. `t` is the mean of cosθ_i and cosθ_o, about the surface's normal.
+    /// s(wi, wo) without ρ_s: 0 where the base is ≤ 0. `t` is the mean of cosθ_i and cosθ_o, about the
+    /// surface's normal.
     pub fn shape(&self, wi: Vec3, wo: Vec3, t: f32) -> f32 {
         let base = self.base(wi, wo);
         if base <= 0.0 { 0.0 } else { base.powf(self.exponent(t)) }
@@ -48,8 +52,8 @@ impl Lobe {
         self.c * wi
     }
 
-    /// The same lobe with the largest |C| component scaled to 1, using the freedom C ← C·s, ρ_s ← ρ_s·s⁻ⁿ, which a lobe that sharpens
-    /// has not.
+    /// The same lobe with the largest |C| component scaled to 1, using the freedom C ← C·s, ρ_s ← ρ_s·s⁻ⁿ,
+    /// which a lobe that sharpens has not.
     pub fn normalised(&self) -> Self {
         let scale = self.c.abs().max_element();
         if scale <= 0.0 || !scale.is_finite() || self.n_grazing.is_some() {
@@ -60,14 +64,16 @@ impl Lobe {
     }
 }
 
-/// A BRDF of a diffuse term, lobes (4.1) and microfacet terms, turned about the normal by the direction of anisotropy β (4.4).
+/// A BRDF of a diffuse term, lobes (4.1) and microfacet terms, turned about the normal by the direction of
+/// anisotropy β (4.4).
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 pub struct LobeBrdf {
     /// Diffuse reflectance ρ_d a channel, sr⁻¹ (albedo / π).
     pub rho_d: Rgb,
     /// Direction of anisotropy, radians from the sample's x axis toward y, in −π/4..π/4.
     pub beta: f32,
-    /// x and y of the unit normal about which the lobes stand; 0 is the surface's own. Neither the diffuse term nor microfacet terms follow it.
+    /// x and y of the unit normal about which the lobes stand; 0 is the surface's own. Neither the diffuse
+    /// term nor microfacet terms follow it.
     #[serde(default, skip_serializing_if = "is_plain")]
     pub normal: Vec2,
     /// The lobes.
@@ -81,8 +87,8 @@ fn is_plain(normal: &Vec2) -> bool {
     *normal == Vec2::ZERO
 }
 
-/// Turns a direction from the sample's frame into that of lobes about a normal: by the shortest turn that brings the normal
-/// to z, then about z by −β.
+/// Turns a direction from the sample's frame into that of lobes about a normal: by the shortest turn that
+/// brings the normal to z, then about z by −β.
 pub fn into_lobe_frame(direction: Vec3, normal: Vec2, beta: f32) -> Vec3 {
     let mut d = direction;
     if normal != Vec2::ZERO {
@@ -107,7 +113,8 @@ impl LobeBrdf {
     /// Refuses coefficients that no reflectance has, as [`crate::SbrdfMap::check`] does.
     ///
     /// # Errors
-    /// [`crate::FormatError::Invalid`] with the name that the coefficient has as a channel of a map, such as `lobe0.n`.
+    /// [`crate::FormatError::Invalid`] with the name that the coefficient has as a channel of a map, such as
+    /// `lobe0.n`.
     pub fn check(&self) -> Result<(), crate::FormatError> {
         crate::map_exr::check_one(self)
     }
@@ -121,7 +128,8 @@ impl LobeBrdf {
         sharpens.then_some("lobes that sharpen toward grazing")
     }
 
-    /// The same BRDF on a surface that is turned about its normal by `angle` radians, with β kept in −π/4..π/4.
+    /// The same BRDF on a surface that is turned about its normal by `angle` radians, with β kept in
+    /// −π/4..π/4.
     pub fn rotated(&self, angle: f32) -> Self {
         let quarter = std::f32::consts::FRAC_PI_2;
         let turns = ((self.beta + angle) / quarter).round();
@@ -215,8 +223,8 @@ mod tests {
         #[test]
         fn lobes_are_reciprocal_and_not_negative(
             u in 0f32..1.0, v in 0f32..1.0, s in 0f32..1.0, t in 0f32..1.0,
-            cx in -1.5f32..1.5, cy in -1.5f32..1.5, cz in -1f32..1.5, n in 0.5f32..50.0, beta in -0.78f32..0.78,
-            tilt in -0.3f32..0.3,
+            cx in -1.5f32..1.5, cy in -1.5f32..1.5, cz in -1f32..1.5, n in 0.5f32..50.0,
+            beta in -0.78f32..0.78, tilt in -0.3f32..0.3,
         ) {
             let (wi, wo) = (direction(u, v), direction(s, t));
             let mut brdf = material(cx, cy, cz, n, beta);
@@ -241,7 +249,8 @@ mod tests {
 
         #[test]
         fn rotating_the_surface_rotates_the_reflectance(
-            u in 0f32..1.0, v in 0f32..1.0, s in 0f32..1.0, t in 0f32..1.0, angle in -3f32..3.0, beta in -0.7f32..0.7,
+            u in 0f32..1.0, v in 0f32..1.0, s in 0f32..1.0, t in 0f32..1.0,
+            angle in -3f32..3.0, beta in -0.7f32..0.7,
         ) {
             let (wi, wo) = (direction(u, v), direction(s, t));
             let mut brdf = material(-0.9, -0.4, 0.8, 12.0, beta);

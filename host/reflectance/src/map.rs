@@ -1,4 +1,5 @@
-//! An SBRDF map: the fitted coefficients of every texel, row by row from the +y edge, each coefficient a plane.
+//! An SBRDF map: the fitted coefficients of every texel, row by row from the +y edge, each coefficient a
+//! plane.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -6,6 +7,10 @@ use std::path::Path;
 use glam::{Vec2, Vec3};
 
 use crate::{FormatError, Lobe, LobeBrdf, MapEncoding, Microfacet, Rgb, map_exr};
+
+/// The attribute of a map with the solid angle, sr, of the lamp that its mirror term (`mirror.*`, f cosθ_i)
+/// was measured with: their product is ρ_m of L_r = ρ_m L_i.
+pub const MIRROR_SOLID_ANGLE: &str = "mirror.solid_angle_sr";
 
 /// The coefficients of one lobe at every texel.
 #[derive(Debug, Clone, PartialEq, Default)]
@@ -16,7 +21,8 @@ pub struct LobePlane {
     pub c: Vec<Vec3>,
     /// Exponent a texel.
     pub n: Vec<f32>,
-    /// Exponent toward grazing a texel, that of `n` where the lobe does not sharpen; empty when it does nowhere.
+    /// Exponent toward grazing a texel, that of `n` where the lobe does not sharpen; empty when it does
+    /// nowhere.
     pub n_grazing: Vec<f32>,
 }
 
@@ -98,7 +104,8 @@ impl SbrdfMap {
         }
     }
 
-    /// A map whose texels are the given BRDFs, row by row; shorter lists are filled up with black lobes and microfacet terms.
+    /// A map whose texels are the given BRDFs, row by row; shorter lists are filled up with black lobes and
+    /// microfacet terms.
     ///
     /// # Panics
     /// When `texels` is not `width` × `height` long.
@@ -121,7 +128,8 @@ impl SbrdfMap {
         self.microfacets.resize(has.max(count), plane);
     }
 
-    /// Sets the coefficients of texel `index` (row · width + column); what is beyond the map's number of lobes or microfacet terms is dropped.
+    /// Sets the coefficients of texel `index` (row · width + column); what is beyond the map's number of
+    /// lobes or microfacet terms is dropped.
     pub fn set(&mut self, index: usize, texel: &LobeBrdf) {
         self.rho_d[index] = texel.rho_d;
         self.beta[index] = texel.beta;
@@ -183,8 +191,8 @@ impl SbrdfMap {
         reflectance
     }
 
-    /// Writes the map as OpenEXR with one named f32 channel a coefficient (`rho_d.R`, `lobe0.C.x`, `lobe0.n`, `beta`, …), and R, G and
-    /// B to be looked at.
+    /// Writes the map as OpenEXR with one named f32 channel a coefficient (`rho_d.R`, `lobe0.C.x`, `lobe0.n`,
+    /// `beta`, …), and R, G and B to be looked at.
     ///
     /// # Errors
     /// When the file cannot be written; nothing is left half-written under `path`.
@@ -200,16 +208,18 @@ impl SbrdfMap {
         map_exr::write(self, path, encoding)
     }
 
-    /// Reads a map that [`Self::write_exr`] or another tool wrote with the same channel names. R, G and B are passed over.
+    /// Reads a map that [`Self::write_exr`] or another tool wrote with the same channel names. R, G and B are
+    /// passed over.
     ///
     /// # Errors
-    /// [`FormatError::Invalid`] that names the file, when it is missing or not OpenEXR, lacks a channel, or as [`Self::check`].
+    /// [`FormatError::Invalid`] that names the file, when it is missing or not OpenEXR, lacks a channel, or
+    /// as [`Self::check`].
     pub fn read_exr(path: &Path) -> Result<Self, FormatError> {
         map_exr::read(path)
     }
 
-    /// Refuses coefficients that no reflectance has: numbers that are not finite, a negative ρ_d, ρ_s, n, f0 or f90, an α that is
-    /// not above 0, a normal longer than 1.
+    /// Refuses coefficients that no reflectance has: numbers that are not finite, a negative ρ_d, ρ_s, n, f0
+    /// or f90, an α that is not above 0, a normal longer than 1.
     ///
     /// # Errors
     /// [`FormatError::Invalid`] with the channel and the texel.

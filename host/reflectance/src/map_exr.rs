@@ -1,5 +1,5 @@
-//! SBRDF maps as OpenEXR files: one named f32 channel a coefficient, text attributes for units and provenance, and R, G, B for
-//! programs that show pictures.
+//! SBRDF maps as OpenEXR files: one named f32 channel a coefficient, text attributes for units and
+//! provenance, and R, G, B for programs that show pictures.
 
 use std::collections::BTreeMap;
 use std::io::Cursor;
@@ -19,11 +19,13 @@ use crate::{FormatError, LobePlane, MicrofacetPlane, Rgb, SbrdfMap, exr_file};
 const UNITS: [(&str, &str); 3] = [
     (
         "lobelia:units",
-        "rho_d, lobeN.rho_s: 1/sr; beta: rad; normal, C, n, n_grazing, f0, f90, alpha: none; reflectance excludes the cosine",
+        "rho_d, lobeN.rho_s: 1/sr; beta: rad; normal, C, n, n_grazing, f0, f90, alpha: none; reflectance \
+         excludes the cosine",
     ),
     (
         "lobelia:model",
-        "rho_d + sum rho_s max(0, (R(-beta) C R(beta) wi).wo)^n, wi and wo in the frame of the normal, n to n_grazing as (cos_i + cos_o)/2 falls + sum ggx: Schlick(f0, f90) D(alpha) G / (4 cos_i cos_o)",
+        "rho_d + sum rho_s max(0, (R(-beta) C R(beta) wi).wo)^n, wi and wo in the frame of the normal, n to \
+         n_grazing as (cos_i + cos_o)/2 falls + sum ggx: Schlick(f0, f90) D(alpha) G / (4 cos_i cos_o)",
     ),
     ("lobelia:preview", "R, G, B: the albedo for light along the normal, to be looked at; not read"),
 ];
@@ -85,8 +87,8 @@ fn planes(
     map.extra.iter().try_for_each(|(name, plane)| give(name, plane.clone()))
 }
 
-/// Albedo of texel `index` for light along the normal: π ρ_d + Σ ρ_s C_zⁿ 2π / (n + 2) + Σ f0, exact where lobes stand about the
-/// surface's normal.
+/// Albedo of texel `index` for light along the normal: π ρ_d + Σ ρ_s C_zⁿ 2π / (n + 2) + Σ f0, exact where
+/// lobes stand about the surface's normal.
 fn preview(map: &SbrdfMap, index: usize) -> Rgb {
     let lobe = |plane: &LobePlane| {
         let (c, n) = (plane.c[index].z.max(0.0), plane.n[index]);
@@ -126,7 +128,8 @@ pub(crate) fn write(map: &SbrdfMap, path: &Path, encoding: MapEncoding) -> Resul
     for (name, value) in texts.chain(COUNTS.into_iter().zip(counts.iter().map(String::as_str))) {
         attributes.other.insert(Text::from(name), text(value));
     }
-    // Tiles in order: unordered ones are written as the threads that compress them end, other bytes each time.
+    // Tiles in order: unordered ones are written as the threads that compress them end, other bytes each
+    // time.
     let encoding = match encoding {
         MapEncoding::Tiles => Encoding { line_order: LineOrder::Increasing, ..Encoding::FAST_LOSSLESS },
         MapEncoding::Scanlines => Encoding {
@@ -144,8 +147,8 @@ pub(crate) fn write(map: &SbrdfMap, path: &Path, encoding: MapEncoding) -> Resul
     Ok(durable::write(path, |writer| writer.write_all(&bytes))?)
 }
 
-/// Sorts the header's attributes by name: the exr crate writes them in the order of a hash map, which differs from
-/// process to process. Their order means nothing and their length stays, so all offsets hold.
+/// Sorts the header's attributes by name: the exr crate writes them in the order of a hash map, which differs
+/// from process to process. Their order means nothing and their length stays, so all offsets hold.
 fn sort_attributes(bytes: &mut [u8]) -> Option<()> {
     /// Length of the magic number and the version before the attributes, which a zero byte ends.
     const START: usize = 8;
@@ -175,7 +178,8 @@ enum Range {
 }
 
 impl Range {
-    /// Of a channel by its name: albedos and exponents are not negative, the width of a microfacet term is positive.
+    /// Of a channel by its name: albedos and exponents are not negative, the width of a microfacet term is
+    /// positive.
     fn of(name: &str) -> Self {
         let last = name.split('.').skip(1).collect::<Vec<_>>();
         let coefficient = numbered(name, "lobe").is_some() || numbered(name, "ggx").is_some();

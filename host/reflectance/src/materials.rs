@@ -1,6 +1,8 @@
-//! The six materials that Lafortune et al. published in 1997 as cosine lobes (as printed in pbrt), and plain ones.
+//! The six materials that Lafortune et al. published in 1997 as cosine lobes (as printed in pbrt), and plain
+//! ones.
 //!
-//! The publication gives every channel its own C and n, so a lobe here often carries the albedo of one channel only.
+//! The publication gives every channel its own C and n, so a lobe here often carries the albedo of one
+//! channel only.
 
 #![allow(clippy::excessive_precision, reason = "the numbers are as printed")]
 
@@ -93,7 +95,8 @@ const SKIN: Published = Published {
     ],
 };
 
-/// A published material by name (see [`NAMES`]): f = d/π + Σ (Cxy (ω_ix ω_ox + ω_iy ω_oy) + Cz ω_iz ω_oz)ⁿ, sr⁻¹.
+/// A published material by name (see [`NAMES`]): f = d/π + Σ (Cxy (ω_ix ω_ox + ω_iy ω_oy) + Cz ω_iz ω_oz)ⁿ,
+/// sr⁻¹.
 pub fn published(name: &str) -> Option<LobeBrdf> {
     let material = match name {
         "clay" => &CLAY,

@@ -1,8 +1,9 @@
-//! A GGX microfacet term: what cosine lobes do badly, a clear coat whose highlight narrows and brightens toward grazing.
+//! A GGX microfacet term: what cosine lobes do badly, a clear coat whose highlight narrows and brightens
+//! toward grazing.
 //!
-//! f = F D G / (4 cosθ_i cosθ_o) (Cook and Torrance 1982) with the normal distribution D of Trowbridge and Reitz (GGX, Walter et
-//! al. 2007), height-correlated Smith shadowing G (Heitz 2014) and Schlick's F between f0 and f90. With f90 ≤ 1 it reflects no more
-//! than arrives, whatever α is.
+//! f = F D G / (4 cosθ_i cosθ_o) (Cook and Torrance 1982) with the normal distribution D of Trowbridge and
+//! Reitz (GGX, Walter et al. 2007), height-correlated Smith shadowing G (Heitz 2014) and Schlick's F between
+//! f0 and f90. With f90 ≤ 1 it reflects no more than arrives, whatever α is.
 
 use glam::Vec3;
 use serde::{Deserialize, Serialize};
@@ -27,7 +28,8 @@ fn lambda(cosine: f32, alpha: f32) -> f32 {
 }
 
 impl Microfacet {
-    /// Reflectance, sr⁻¹, for two directions above the surface. D is computed from the sine of θ_h, which small α need.
+    /// Reflectance, sr⁻¹, for two directions above the surface. D is computed from the sine of θ_h, which
+    /// small α need.
     pub fn eval(&self, wi: Vec3, wo: Vec3) -> Rgb {
         let half = wi + wo;
         let length2 = half.length_squared();
@@ -49,8 +51,8 @@ impl Microfacet {
         distribution / (4.0 * wo.z * (1.0 + lambda(wo.z, self.alpha)))
     }
 
-    /// An incident direction drawn by the normals that `wo` sees, from two numbers in 0..1 (spherical caps, Dupuy and Benyoub
-    /// 2023). It can lie below the surface.
+    /// An incident direction drawn by the normals that `wo` sees, from two numbers in 0..1 (spherical caps,
+    /// Dupuy and Benyoub 2023). It can lie below the surface.
     pub fn sample(&self, wo: Vec3, [r, s]: [f32; 2]) -> Vec3 {
         let stretched = Vec3::new(self.alpha * wo.x, self.alpha * wo.y, wo.z).normalize();
         let (sin, cos) = (std::f32::consts::TAU * r).sin_cos();
@@ -76,8 +78,9 @@ mod tests {
         Vec3::new(sin, 0.0, cos)
     }
 
-    /// ∫ D G₁ / (4 cosθ_o) over all normals that are seen is 1: the weak white furnace (Heitz 2014), D G₁ max(0, ω_o·h) = cosθ_o.
-    /// Over normals h it is a smooth integral in the slope radius, substituted so that D is even.
+    /// ∫ D G₁ / (4 cosθ_o) over all normals that are seen is 1: the weak white furnace (Heitz 2014), D G₁
+    /// max(0, ω_o·h) = cosθ_o. Over normals h it is a smooth integral in the slope radius, substituted so
+    /// that D is even.
     #[test]
     fn the_weak_white_furnace_holds() {
         for alpha in [0.05, 0.3, 1.0] {

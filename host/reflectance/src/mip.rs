@@ -1,8 +1,9 @@
-//! MIP levels from samples (chapter 5): each level is fitted to the reflectance averaged over its texels, pose by pose, since
-//! averaged coefficients are not those of the averaged reflectance.
+//! MIP levels from samples (chapter 5): each level is fitted to the reflectance averaged over its texels,
+//! pose by pose, since averaged coefficients are not those of the averaged reflectance.
 //!
-//! Texel (x, y) of level l stands for the texels 2ˡx … 2ˡ(x+1) − 1 of its row, and so for rows; at the right and lower edge for those of them
-//! that the sample has. Levels are ⌈size / 2ˡ⌉ large, down to one texel. Standard deviations are those of means of independent values.
+//! Texel (x, y) of level l stands for the texels 2ˡx … 2ˡ(x+1) − 1 of its row, and so for rows; at the right
+//! and lower edge for those of them that the sample has. Levels are ⌈size / 2ˡ⌉ large, down to one texel.
+//! Standard deviations are those of means of independent values.
 
 use std::path::{Path, PathBuf};
 
@@ -52,8 +53,8 @@ pub fn fingerprint(finest: &SbrdfMap) -> String {
     hash.finalize().iter().map(|byte| format!("{byte:02x}")).collect()
 }
 
-/// The samples of a window of a level, averaged over the valid ones of its texels; read chunk by chunk, with standard deviations where asked for
-/// and there.
+/// The samples of a window of a level, averaged over the valid ones of its texels; read chunk by chunk, with
+/// standard deviations where asked for and there.
 ///
 /// # Errors
 /// When a chunk cannot be read.
@@ -92,7 +93,8 @@ pub fn read(store: &SampledStore, level: u32, window: &Window, sigma: bool) -> R
     let sigma = variances.map(|variances| variances.into_iter().enumerate().map(deviation).collect());
     let size = size([store.width, store.height], level);
     let side = f64::from(1u32 << level);
-    // The level's grid may reach beyond the sample's right and lower edge; the sample's middle stays where it is.
+    // The level's grid may reach beyond the sample's right and lower edge; the sample's middle stays where it
+    // is.
     let middle = |range: &std::ops::Range<usize>, edge: usize| {
         (range.start + range.end) as f64 / 2.0 - edge as f64 / 2.0 / side
     };

@@ -58,12 +58,14 @@ impl Picture {
     /// Writes a linear `.exr` (f32 RGBA) or a tone-mapped `.png`, whole or not at all.
     ///
     /// # Errors
-    /// Input errors for another extension, failures of the disk and for a pixel that is not a number, which is named.
+    /// Input errors for another extension, failures of the disk and for a pixel that is not a number, which
+    /// is named.
     pub fn write(&self, path: &Path, exposure: f32) -> Result<()> {
         if let Some(k) = self.pixels.iter().position(|pixel| !pixel.is_finite()) {
             let (x, y) = (k % self.width, k / self.width);
             let message = format!(
-                "{}: pixel ({x}, {y}) came out as {}; look for a light or a coefficient there that is far too large",
+                "{}: pixel ({x}, {y}) came out as {}; look for a light or a coefficient there that is far \
+                 too large",
                 path.display(),
                 self.pixels[k].truncate()
             );
@@ -76,8 +78,8 @@ impl Picture {
         }
     }
 
-    /// Reads an OpenEXR picture in Rec. 709; coverage is 1 where it has no alpha. What lies outside its data window is 0, and other
-    /// primaries are converted where the file names them.
+    /// Reads an OpenEXR picture in Rec. 709; coverage is 1 where it has no alpha. What lies outside its data
+    /// window is 0, and other primaries are converted where the file names them.
     ///
     /// # Errors
     /// Input errors for a file that is missing, has no channels R, G and B or Y, or is an SBRDF map.
@@ -126,8 +128,8 @@ impl Picture {
             let pixel = self.pixels[at.y() * self.width + at.x()];
             (pixel.x, pixel.y, pixel.z, pixel.w)
         });
-        // Deflated lines are what every program that shows pictures opens. In order: unordered ones are written as the threads that
-        // compress them end, other bytes each time.
+        // Deflated lines are what every program that shows pictures opens. In order: unordered ones are
+        // written as the threads that compress them end, other bytes each time.
         let encoding = Encoding {
             compression: Compression::ZIP16,
             blocks: Blocks::ScanLines,

@@ -1,4 +1,5 @@
-//! PNG and JPEG files that people hand in: turned upright as their EXIF says, within bounds that the file's length sets.
+//! PNG and JPEG files that people hand in: turned upright as their EXIF says, within bounds that the file's
+//! length sets.
 
 use std::path::Path;
 
@@ -7,7 +8,8 @@ use image::{DynamicImage, ImageDecoder, ImageFormat, ImageReader};
 use crate::colour::srgb_decode;
 use lobelia_base::error::{Error, Result};
 
-/// Bytes of pixels that one byte of a file can stand for: deflate reaches 1032 to 1, runs of empty blocks of a progressive JPEG more.
+/// Bytes of pixels that one byte of a file can stand for: deflate reaches 1032 to 1, runs of empty blocks of
+/// a progressive JPEG more.
 const MOST_RATIO: u64 = 1 << 12;
 /// Bytes of pixels that any file may ask for.
 const MOST_OF_SMALL: u64 = 1 << 26;
@@ -67,8 +69,8 @@ fn words(error: &impl std::fmt::Display) -> String {
     error.to_string().split_whitespace().collect::<Vec<_>>().join(" ")
 }
 
-/// Whether an ICC profile is sRGB's: its colourants (Rec. 709 adapted to D50) and the curves of its channels, or that of its grey. One
-/// of tables instead is judged by its name. None for what is no profile.
+/// Whether an ICC profile is sRGB's: its colourants (Rec. 709 adapted to D50) and the curves of its channels,
+/// or that of its grey. One of tables instead is judged by its name. None for what is no profile.
 pub fn is_srgb(profile: &[u8]) -> Option<bool> {
     /// X and Y of red, green and blue.
     const SRGB: [[f64; 2]; 3] = [[0.4361, 0.2225], [0.3851, 0.7169], [0.1431, 0.0606]];
@@ -139,7 +141,8 @@ fn word(bytes: &[u8], at: usize) -> Option<u32> {
     Some(u32::from_be_bytes(*bytes.get(at..at.checked_add(4)?)?.first_chunk::<4>()?))
 }
 
-/// What a PNG without a profile says of its colours, where that is not sRGB: its gamma or its primaries. `None` for other files.
+/// What a PNG without a profile says of its colours, where that is not sRGB: its gamma or its primaries.
+/// `None` for other files.
 pub fn png_not_srgb(path: &Path) -> Option<String> {
     let file = std::io::BufReader::new(std::fs::File::open(path).ok()?);
     let reader = png::Decoder::new(file).read_info().ok()?;

@@ -1,6 +1,8 @@
-//! Radiance pictures (`.hdr`, `.pic`): shared-exponent pixels after a header of text (Ward 1991, and `picture` of Radiance's manual).
+//! Radiance pictures (`.hdr`, `.pic`): shared-exponent pixels after a header of text (Ward 1991, and
+//! `picture` of Radiance's manual).
 //!
-//! `EXPOSURE` and `COLORCORR` say by what the pixels were multiplied; they are divided out. `PRIMARIES` are converted to Rec. 709.
+//! `EXPOSURE` and `COLORCORR` say by what the pixels were multiplied; they are divided out. `PRIMARIES` are
+//! converted to Rec. 709.
 
 use std::path::Path;
 
@@ -163,7 +165,8 @@ impl Order {
     }
 }
 
-/// Reads one scanline in any of the three encodings; none where the file ends or a run is longer than the line.
+/// Reads one scanline in any of the three encodings; none where the file ends or a run is longer than the
+/// line.
 fn read_scanline(rest: &mut &[u8], scanline: &mut [[u8; 4]]) -> Option<()> {
     let length = scanline.len();
     let begin = rest.first_chunk::<4>()?;

@@ -1,8 +1,8 @@
 //! A sampled SBRDF: the measured reflectance of every texel at every pose, with where light and camera stood.
 //!
-//! Shapes and names are those of the Zarr store: `reflectance` [y, x, pose, rgb] in sr⁻¹, NaN where a texel has no
-//! valid exposure; `sigma` [y, x, pose, rgb], where it is known, is the standard deviation of each; `light_position_mm`,
-//! `camera_position_mm` [pose, xyz] in the sample's frame.
+//! Shapes and names are those of the Zarr store: `reflectance` [y, x, pose, rgb] in sr⁻¹, NaN where a texel
+//! has no valid exposure; `sigma` [y, x, pose, rgb], where it is known, is the standard deviation of each;
+//! `light_position_mm`, `camera_position_mm` [pose, xyz] in the sample's frame.
 
 use glam::{DVec2, DVec3, Vec3};
 use half::f16;
@@ -12,17 +12,20 @@ use crate::Rgb;
 mod store;
 mod zarr;
 
-pub use store::{Attributes, CLIPPED_KEY, SampledStore, Window, attributes_of, geometry_sha256};
+pub use store::{
+    APERTURE_KEY, Attributes, CLIPPED_KEY, SampledStore, Window, attributes_of, geometry_sha256,
+};
 
-/// Where the light and the camera stood for one pose, in the sample's frame (origin at its centre, z outward).
+/// Where the light and the camera stood for one pose, in the sample's frame (origin at its centre, z
+/// outward).
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PoseGeometry {
     /// Centre of the light's aperture, mm.
     pub light_mm: DVec3,
     /// Centre of projection of the camera, mm.
     pub camera_mm: DVec3,
-    /// Weight of the pose's squared residuals in every fit: the inverse of its noise's variance (in units of any pose's) where that is
-    /// known, else 1; 0 for a pose that was rejected.
+    /// Weight of the pose's squared residuals in every fit: the inverse of its noise's variance (in units of
+    /// any pose's) where that is known, else 1; 0 for a pose that was rejected.
     pub weight: f64,
 }
 
@@ -32,8 +35,8 @@ impl PoseGeometry {
         self.light_mm.is_finite() && self.camera_mm.is_finite() && !self.weight.is_nan()
     }
 
-    /// The pose with which nothing that is not a number can be computed: one that is not known counts as one that was rejected, above the
-    /// sample.
+    /// The pose with which nothing that is not a number can be computed: one that is not known counts as one
+    /// that was rejected, above the sample.
     #[must_use]
     pub fn known(self) -> Self {
         let placed = |place: DVec3| if place.is_finite() { place } else { DVec3::Z * 1000.0 };
@@ -41,7 +44,8 @@ impl PoseGeometry {
         Self { light_mm: placed(self.light_mm), camera_mm: placed(self.camera_mm), weight }
     }
 
-    /// Moves the camera to within about 6° of the mirror direction of the light, by as much as its own direction is off the normal.
+    /// Moves the camera to within about 6° of the mirror direction of the light, by as much as its own
+    /// direction is off the normal.
     pub fn aim_at_highlight(&mut self) {
         let mirror = DVec3::new(-self.light_mm.x, -self.light_mm.y, self.light_mm.z);
         let camera = self.camera_mm;
@@ -64,9 +68,9 @@ pub struct SampledSbrdf {
     pub poses: Vec<PoseGeometry>,
     /// [y, x, pose, rgb] in sr⁻¹; NaN without a valid exposure.
     pub reflectance: Vec<f32>,
-    /// [y, x, pose, rgb] in sr⁻¹: the standard deviation of each value by noise that is independent from value to value, where it is
-    /// known. Half precision (0.05 % down to 6e-5 sr⁻¹, 6e-8 sr⁻¹ below): a weight needs no more, and it makes a store half as large again,
-    /// not twice.
+    /// [y, x, pose, rgb] in sr⁻¹: the standard deviation of each value by noise that is independent from
+    /// value to value, where it is known. Half precision (0.05 % down to 6e-5 sr⁻¹, 6e-8 sr⁻¹ below): a
+    /// weight needs no more, and it makes a store half as large again, not twice.
     pub sigma: Option<Vec<f16>>,
 }
 

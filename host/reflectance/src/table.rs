@@ -1,7 +1,9 @@
-//! Measured BRDF tables: the Cornell `.brdf` text format, ALTA's text format, MERL's `.binary`, and a smooth interpolation that is fast enough for a renderer.
+//! Measured BRDF tables: the Cornell `.brdf` text format, ALTA's text format, MERL's `.binary`, and a smooth
+//! interpolation that is fast enough for a renderer.
 //!
-//! A table is a list of scattered direction pairs, each with a reflectance a wavelength. [`MeasuredTable`] holds the rows as they
-//! were measured; [`InterpolatedBrdf`] fills a regular grid from them once and then answers for any pair of directions.
+//! A table is a list of scattered direction pairs, each with a reflectance a wavelength. [`MeasuredTable`]
+//! holds the rows as they were measured; [`InterpolatedBrdf`] fills a regular grid from them once and then
+//! answers for any pair of directions.
 
 mod alta;
 mod interpolated;
@@ -55,15 +57,16 @@ fn direction(theta: f64, phi: f64) -> DVec3 {
 /// A measured table as it stands in its file.
 #[derive(Debug, Clone, PartialEq)]
 pub struct MeasuredTable {
-    /// Wavelengths, nm, ascending. A table of colours has those of [`RGB_WAVELENGTHS_NM`], one of a single value that names none 550 nm.
+    /// Wavelengths, nm, ascending. A table of colours has those of [`RGB_WAVELENGTHS_NM`], one of a single
+    /// value that names none 550 nm.
     pub wavelengths_nm: Vec<f64>,
     /// The rows in the order of the file.
     pub rows: Vec<TableRow>,
 }
 
 impl MeasuredTable {
-    /// Reads a table: MERL's where the name ends in `.binary`, ALTA's, text or binary, where lines of its header begin the file, else
-    /// Cornell's.
+    /// Reads a table: MERL's where the name ends in `.binary`, ALTA's, text or binary, where lines of its
+    /// header begin the file, else Cornell's.
     ///
     /// # Errors
     /// When the file is missing, or as [`Self::parse`]; the sentence names the file.
@@ -81,12 +84,14 @@ impl MeasuredTable {
     }
 
     /// Parses the text of a `.brdf` file: the number of wavelengths, the wavelengths in nm, then rows
-    /// `theta_i phi_i theta_s phi_s value…` in radians and sr⁻¹. `#` starts a comment; tokens can wrap over lines.
+    /// `theta_i phi_i theta_s phi_s value…` in radians and sr⁻¹. `#` starts a comment; tokens can wrap over
+    /// lines.
     ///
     /// # Errors
-    /// A sentence with the line, and the row where there is one, for: no or too many wavelengths, something that is not a
-    /// number, NaN or infinity, an angle outside the hemisphere, a value too negative for noise or too large for a reflectance, a last
-    /// row cut short. A text that begins with lines of ALTA's header is taken for ALTA's format.
+    /// A sentence with the line, and the row where there is one, for: no or too many wavelengths, something
+    /// that is not a number, NaN or infinity, an angle outside the hemisphere, a value too negative for noise
+    /// or too large for a reflectance, a last row cut short. A text that begins with lines of ALTA's header
+    /// is taken for ALTA's format.
     pub fn parse(text: &str) -> Result<Self, FormatError> {
         Self::parse_bytes(text.as_bytes())
     }
@@ -108,7 +113,8 @@ impl MeasuredTable {
         parse::parse(text)
     }
 
-    /// The values of every row at one wavelength, interpolated linearly between the two nearest measured ones, sr⁻¹.
+    /// The values of every row at one wavelength, interpolated linearly between the two nearest measured
+    /// ones, sr⁻¹.
     ///
     /// # Errors
     /// When the wavelength lies outside the measured range.
@@ -125,7 +131,8 @@ impl MeasuredTable {
         Ok(self.rows.iter().map(|row| row.values[below] * (1.0 - t) + row.values[above] * t).collect())
     }
 
-    /// Every row's colour at the wavelengths that stand for red, green and blue (see [`RGB_WAVELENGTHS_NM`]), sr⁻¹.
+    /// Every row's colour at the wavelengths that stand for red, green and blue (see [`RGB_WAVELENGTHS_NM`]),
+    /// sr⁻¹.
     ///
     /// # Errors
     /// As [`Self::at_wavelength`].
@@ -136,8 +143,8 @@ impl MeasuredTable {
     }
 }
 
-/// Unit vectors toward the light and toward the view by half and difference angles (Rusinkiewicz 1998): the difference (θ_d, φ_d),
-/// turned with the half vector's (θ_h, φ_h).
+/// Unit vectors toward the light and toward the view by half and difference angles (Rusinkiewicz 1998): the
+/// difference (θ_d, φ_d), turned with the half vector's (θ_h, φ_h).
 fn half_angles(theta_h: f64, phi_h: f64, theta_d: f64, phi_d: f64) -> [DVec3; 2] {
     let difference = direction(theta_d, phi_d);
     // About y by θ_h, which takes z to the half vector at azimuth 0, then about z by φ_h.

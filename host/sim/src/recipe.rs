@@ -249,9 +249,9 @@ mod tests {
     fn a_material_has_the_normal_the_sharpening_and_the_microfacet_term_that_it_names() {
         let recipe = |normal: &str| -> Recipe {
             let text = format!(
-                "[pattern]\nkind = \"checks\"\nsize_mm = 4\n[[material]]\nrho_d = [0.1, 0.2, 0.3]\nbeta_deg = 20\nnormal = {normal}\n\
-                 lobe = [{{ rho_s = [1, 1, 1], c = [-1, -0.5, 1], n = 20, n_grazing = 80 }}]\n\
-                 ggx = {{ f0 = [0.04, 0.04, 0.04], f90 = [1, 1, 1], alpha = 0.2 }}\n"
+                "[pattern]\nkind = \"checks\"\nsize_mm = 4\n[[material]]\nrho_d = [0.1, 0.2, 0.3]\nbeta_deg \
+                 = 20\nnormal = {normal}\nlobe = [{{ rho_s = [1, 1, 1], c = [-1, -0.5, 1], n = 20, n_grazing \
+                 = 80 }}]\nggx = {{ f0 = [0.04, 0.04, 0.04], f90 = [1, 1, 1], alpha = 0.2 }}\n"
             );
             toml_file::parse(&text, "m.toml").unwrap()
         };
@@ -268,8 +268,9 @@ mod tests {
     #[test]
     fn lobes_and_published_materials_lie_where_the_pattern_says() {
         use lobelia_reflectance::Brdf;
-        let text = "[pattern]\nkind = \"stripes\"\nwidth_mm = 32\n[[material]]\npublished = \"felt\"\n[[material]]\n\
-                    rho_d = [0.1, 0.2, 0.3]\nlobe = [{ rho_s = [1, 1, 1], c = [-1, -1, 1], n = 20 }]\n";
+        let text = "[pattern]\nkind = \"stripes\"\nwidth_mm = 32\n[[material]]\npublished = \
+             \"felt\"\n[[material]]\nrho_d = [0.1, 0.2, 0.3]\nlobe = [{ rho_s = [1, 1, 1], c = [-1, -1, 1], \
+             n = 20 }]\n";
         let recipe: Recipe = toml_file::parse(text, "m.toml").unwrap();
         let layout = recipe.layout(Path::new("."), &Carrier::default()).unwrap();
         let f = layout.at(10.0, 0.0).eval(Vec3::Z, Vec3::Z);

@@ -29,8 +29,8 @@ pub fn layout(carrier: &Carrier) -> Result<SampleLayout> {
     Ok(SampleLayout::new(carrier.sample_width_mm, carrier.sample_height_mm, materials, pattern))
 }
 
-/// The material at a place of the brocade: 0 red hearts, 1 gold flowers, 2 blue ground, 3 green leaves; every other column
-/// of flowers is shifted by half a repeat.
+/// The material at a place of the brocade: 0 red hearts, 1 gold flowers, 2 blue ground, 3 green leaves; every
+/// other column of flowers is shifted by half a repeat.
 fn brocade(x_mm: f64, y_mm: f64) -> u8 {
     let (u, v) = (2.0 * x_mm / REPEAT_MM, y_mm / REPEAT_MM);
     let column = u.floor();
@@ -49,7 +49,8 @@ fn brocade(x_mm: f64, y_mm: f64) -> u8 {
     }
 }
 
-/// The demo's materials as a recipe, laid out as a board: an example for users and what `--port sim` shows by itself.
+/// The demo's materials as a recipe, laid out as a board: an example for users and what `--port sim` shows by
+/// itself.
 pub fn recipe() -> Recipe {
     let lobe = |rho_s, c, n| LobeRecipe { rho_s, c, n, n_grazing: None };
     let material = |rho_d, lobes: [LobeRecipe; 2]| MaterialRecipe {

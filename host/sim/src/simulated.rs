@@ -255,8 +255,8 @@ pub fn station_of(
     Ok(Station::simulated(client, Box::new(camera), Box::new(RigClock(rig.clone()))))
 }
 
-/// Asks the firmware whether a controller takes a rig's numbers, before anything is planned or done with them. Drivers are left out: which
-/// there are is the board's.
+/// Asks the firmware whether a controller takes a rig's numbers, before anything is planned or done with
+/// them. Drivers are left out: which there are is the board's.
 ///
 /// # Errors
 /// An input error that names the number.

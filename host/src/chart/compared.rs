@@ -1,4 +1,5 @@
-//! The fits that pages set beside each other: each method with the same numbers of lobes, and as many as a texel needs.
+//! The fits that pages set beside each other: each method with the same numbers of lobes, and as many as a
+//! texel needs.
 
 use crate::fit::{FitOptions, MOST_LOBES, Method};
 

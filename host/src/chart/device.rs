@@ -102,7 +102,9 @@ pub(super) fn section(seed: u64) -> Result<Section> {
     Ok(Section {
         title,
         text: format!(
-            "{} texels with a random two-lobe material each, {POSES} random poses, noise {NOISE} 1/sr; 1 to 3 lobes. CPU: {} threads. GPU: {name}. Error: ‖f̂ − f‖ / ‖f‖ over 300 direction pairs that were not posed. Costs are the same when they differ by less than {:.0} %.",
+            "{} texels with a random two-lobe material each, {POSES} random poses, noise {NOISE} 1/sr; 1 to \
+             3 lobes. CPU: {} threads. GPU: {name}. Error: ‖f̂ − f‖ / ‖f‖ over 300 direction pairs that were \
+             not posed. Costs are the same when they differ by less than {:.0} %.",
             SIDE * SIDE,
             rayon::current_num_threads(),
             100.0 * SAME

@@ -1,5 +1,5 @@
-//! Prefiltered environments: their maps against quadrature by exponent, and pictures by them against the path tracer by exponent and
-//! by angle (stability case G13: wide lobes near the horizon).
+//! Prefiltered environments: their maps against quadrature by exponent, and pictures by them against the path
+//! tracer by exponent and by angle (stability case G13: wide lobes near the horizon).
 
 use std::sync::Arc;
 use std::time::Instant;
@@ -28,7 +28,8 @@ const SHOWN: f32 = 3.0;
 /// Widths of the classes of angles, degrees.
 const CLASS_DEG: f32 = 10.0;
 
-/// Judges the maps and the pictures of environments at a relative error of the maps, with pictures of so many pixels a row.
+/// Judges the maps and the pictures of environments at a relative error of the maps, with pictures of so many
+/// pixels a row.
 ///
 /// # Errors
 /// Input errors for settings out of range.
@@ -44,8 +45,8 @@ pub fn chart(environments: &[(String, Environment)], map_error: f32, width: u32,
         name: "environment".into(),
         title: "Prefiltered environments".into(),
         lead: format!(
-            "Errors are relative, the difference over √(b² + ε²), b the truth and ε a tenth of its mean. Maps are made for an error \
-             of {} %.",
+            "Errors are relative, the difference over √(b² + ε²), b the truth and ε a tenth of its mean. \
+             Maps are made for an error of {} %.",
             100.0 * map_error
         ),
         sections,
@@ -93,8 +94,9 @@ fn maps(environments: &[(String, Environment)], settings: &Settings, bar: &progr
     Ok(Section {
         title: "Maps against quadrature".into(),
         text: format!(
-            "S(ω, n) from the maps for n from 1 to 1000, against midpoint quadrature of the bilinear image in {DIRECTIONS} directions, half of \
-             them anywhere and half about the brightest light. Memory and time are those of all maps, D(N) included."
+            "S(ω, n) from the maps for n from 1 to 1000, against midpoint quadrature of the bilinear image \
+             in {DIRECTIONS} directions, half of them anywhere and half about the brightest light. Memory \
+             and time are those of all maps, D(N) included."
         ),
         plots,
         tables: vec![table],
@@ -202,9 +204,10 @@ fn images(
     Ok(Section {
         title: format!("Pictures: {name}"),
         text: format!(
-            "A ball with one lobe, C = (−1, −1, 1), rendered by the maps and by the path tracer: relative RMSE over its pixels, estimated by three \
-             pictures of the path tracer with {SAMPLES} samples a pixel, so that their noise cancels (a dash where it does not). “Cosine at the peak” is (6.18) as published; \
-             “corrected” takes factor, centroid and width of the lobe above the horizon."
+            "A ball with one lobe, C = (−1, −1, 1), rendered by the maps and by the path tracer: relative \
+             RMSE over its pixels, estimated by three pictures of the path tracer with {SAMPLES} samples a \
+             pixel, so that their noise cancels (a dash where it does not). “Cosine at the peak” is (6.18) \
+             as published; “corrected” takes factor, centroid and width of the lobe above the horizon."
         ),
         plots: vec![
             Plot {
@@ -234,8 +237,8 @@ fn judges(scene: &Scene, seed: u64) -> Result<[render::Picture; 3]> {
     Ok([picture(1)?, picture(2)?, picture(3)?])
 }
 
-/// The relative RMSE over the pixels that lie all within the ball and at an angle of a range, ε by their mean; NaN where noise
-/// drowns it.
+/// The relative RMSE over the pixels that lie all within the ball and at an angle of a range, ε by their
+/// mean; NaN where noise drowns it.
 fn error_between(
     judges: &[render::Picture; 3],
     picture: &render::Picture,

@@ -24,7 +24,8 @@ const SIZE: [u32; 2] = [48, 36];
 /// Between the plane's normal and the view.
 const TILT: f32 = 60.0;
 
-/// A plane of a map under a light that it is seen against from 60° and one from the side, `texels` texels a pixel across and twice that along.
+/// A plane of a map under a light that it is seen against from 60° and one from the side, `texels` texels a
+/// pixel across and twice that along.
 fn scene(map: &Arc<SbrdfMap>, fitted: &[Arc<SbrdfMap>], texels: f32) -> Scene {
     let (sin, cos) = TILT.to_radians().sin_cos();
     let (distance, fov) = (4.0, 14f32.to_radians());
@@ -60,7 +61,8 @@ fn scene(map: &Arc<SbrdfMap>, fitted: &[Arc<SbrdfMap>], texels: f32) -> Scene {
     }
 }
 
-/// The relative RMSE of every filter, and the pictures of the reference and of the filters, at one minification.
+/// The relative RMSE of every filter, and the pictures of the reference and of the filters, at one
+/// minification.
 fn measure(scene: &Scene) -> Result<([f64; 4], Vec<lobelia_reflectance::picture::Picture>)> {
     let judge = reference::Settings { samples: SAMPLES, bounces: 1, ..Default::default() };
     let truth = judge.render(scene, &scene.camera)?.picture;
@@ -114,10 +116,11 @@ pub(super) fn section(maps: &[(&str, SbrdfMap)]) -> Result<Section> {
     Ok(Section {
         title: "Pictures by filter".into(),
         text: format!(
-            "The same maps on a plane seen from {TILT}°, which makes pixels twice as long as wide on it, against one light and with another from the \
-             side. Relative RMSE of the renderer \
-             `lights` against the path tracer with {SAMPLES} samples a pixel. Averaged coefficients and fitted levels are MIP levels, with up to 16 samples \
-             along the pixel's longer axis; shade-then-filter evaluates up to 16 × 16 texels of the finest level."
+            "The same maps on a plane seen from {TILT}°, which makes pixels twice as long as wide on it, \
+             against one light and with another from the side. Relative RMSE of the renderer `lights` \
+             against the path tracer with {SAMPLES} samples a pixel. Averaged coefficients and fitted levels \
+             are MIP levels, with up to 16 samples along the pixel's longer axis; shade-then-filter \
+             evaluates up to 16 × 16 texels of the finest level."
         ),
         plots,
         pictures: shown,

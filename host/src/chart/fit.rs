@@ -1,4 +1,5 @@
-//! What a fit costs against how right it is: methods by noise, models by material, cost by the amount of data, the direction of anisotropy by blur.
+//! What a fit costs against how right it is: methods by noise, models by material, cost by the amount of
+//! data, the direction of anisotropy by blur.
 
 use std::time::Instant;
 
@@ -46,7 +47,9 @@ pub fn chart(seed: u64) -> Result<Chart> {
     Ok(Chart {
         name: "fit".into(),
         title: "What a fit costs".into(),
-        lead: "Synthetic samples of known materials, fitted texel by texel on one thread but where CPU and GPU are compared; time is that of the fit alone.".into(),
+        lead: "Synthetic samples of known materials, fitted texel by texel on one thread but where CPU and \
+             GPU are compared; time is that of the fit alone."
+            .into(),
         sections,
     })
 }
@@ -131,7 +134,9 @@ fn methods(seed: u64) -> Result<Section> {
     Ok(Section {
         title: "Speed and accuracy by method and noise".into(),
         text: format!(
-            "{} texels with a random two-lobe material each (n 5 to 150, forward or retro-reflective), {POSES} random poses. Error: ‖f̂ − f‖ / ‖f‖ over 300 direction pairs that were not posed. Residual: linear.",
+            "{} texels with a random two-lobe material each (n 5 to 150, forward or retro-reflective), \
+             {POSES} random poses. Error: ‖f̂ − f‖ / ‖f‖ over 300 direction pairs that were not posed. \
+             Residual: linear.",
             SIDE * SIDE
         ),
         plots,
@@ -206,7 +211,10 @@ fn weave(seed: u64) -> Result<Section> {
         ["median", "95 % below"].into_iter().zip(series).map(|(name, points)| Series::new(name, points));
     Ok(Section {
         title: "Direction of anisotropy by registration blur".into(),
-        text: "A plain weave of threads of 4 texels in two directions at right angles, turned by 17°, two anisotropic lobes a texel, noise 1e-3 1/sr and 0.5 %. Blur is the standard deviation of the reflectance's spread over neighbouring texels; the error is that of β modulo 90°.".into(),
+        text: "A plain weave of threads of 4 texels in two directions at right angles, turned by 17°, two \
+             anisotropic lobes a texel, noise 1e-3 1/sr and 0.5 %. Blur is the standard deviation of the \
+             reflectance's spread over neighbouring texels; the error is that of β modulo 90°."
+            .into(),
         plots: vec![Plot {
             title: "Error of β by blur".into(),
             x: Axis::linear("blur, texels"),
@@ -252,7 +260,8 @@ fn weave_errors_deg(blur: f64, seed: u64) -> Result<Vec<f64>> {
     Ok(errors)
 }
 
-/// The warp's share of a texel of a plain weave that is blurred by a normal distribution, repeating at the edges.
+/// The warp's share of a texel of a plain weave that is blurred by a normal distribution, repeating at the
+/// edges.
 fn share(x: usize, y: usize, thread: usize, blur: f64) -> f32 {
     let reach = (4.0 * blur).ceil() as i64;
     let weight = |d: i64| if blur > 0.0 { (-0.5 * (d as f64 / blur).powi(2)).exp() } else { 1.0 };

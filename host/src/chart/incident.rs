@@ -1,5 +1,5 @@
-//! Near lights by samples of incident radiance: ways to place and to blend samples against a sample at every vertex,
-//! in the shape of the source's tables 4.1 to 4.4.
+//! Near lights by samples of incident radiance: ways to place and to blend samples against a sample at every
+//! vertex, in the shape of the source's tables 4.1 to 4.4.
 
 use super::{Axis, Chart, Plot, Section, Series, Table};
 use crate::error::Result;
@@ -29,10 +29,12 @@ pub fn chart(scenes: &[(String, Scene)], degree: u32) -> Result<Chart> {
     Ok(Chart {
         name: "incident".into(),
         title: "Near lights by samples of incident radiance".into(),
-        lead: "What samples of incident radiance cost, and how far the colours that they give are from those of a sample at every vertex of the same \
-               degree: root mean square over vertices and channels, over that of the colours themselves. Samples are all that were taken, the 64 checks of \
-               the own way aside."
-            .into(),
+        lead:
+            "What samples of incident radiance cost, and how far the colours that they give are from those \
+             of a sample at every vertex of the same degree: root mean square over vertices and channels, \
+             over that of the colours themselves. Samples are all that were taken, the 64 checks of the own \
+             way aside."
+                .into(),
         sections: scenes.iter().map(of_scene).collect::<Result<_>>()?,
     })
 }
@@ -107,8 +109,9 @@ fn section(name: &str, study: &Study, degree: u32) -> Section {
     }
     Section {
         title: format!("{name}: {} vertices, degree {degree}", study.receivers()),
-        text: "Vertices of open meshes count once a side. A published way is the source's: its oracle, domains of the boxes' spheres, weights 1/d, the \
-               samples of nodes that were parted kept or not; quantised is what it was compared with, all samples blended by 1/dᵇ."
+        text: "Vertices of open meshes count once a side. A published way is the source's: its oracle, \
+             domains of the boxes' spheres, weights 1/d, the samples of nodes that were parted kept or not; \
+             quantised is what it was compared with, all samples blended by 1/dᵇ."
             .into(),
         plots: vec![Plot {
             title: "Error against samples".into(),

@@ -1,5 +1,5 @@
-//! What it costs to interpolate coefficients instead of reflectance (stability case G14, chapter 5): between two unlike texels, and
-//! in MIP levels.
+//! What it costs to interpolate coefficients instead of reflectance (stability case G14, chapter 5): between
+//! two unlike texels, and in MIP levels.
 
 use glam::Vec3;
 use rayon::prelude::*;
@@ -90,8 +90,8 @@ pub fn chart() -> Result<Chart> {
     Ok(Chart {
         name: "interpolation".into(),
         title: "Interpolation of BRDFs".into(),
-        lead: "Coefficients do not interpolate, reflectance does. What it costs to interpolate coefficients all the same, and what a fit to the blended \
-               reflectance leaves."
+        lead: "Coefficients do not interpolate, reflectance does. What it costs to interpolate coefficients \
+             all the same, and what a fit to the blended reflectance leaves."
             .into(),
         sections: vec![between(), by_level(&maps), filtering::section(&maps)?],
     })
@@ -133,10 +133,15 @@ fn between() -> Section {
     };
     Section {
         title: "Between two texels".into(),
-        text: "Relative L2 error against the blended reflectance over all pairs of directions, weighted by cosθ_i cosθ_o. Two lobes that are one BRDF's in another \
-               order show that the error is not one of unlike texels alone. A fit keeps the number of lobes; where that many lobes can be the blend it is exact."
+        text: "Relative L2 error against the blended reflectance over all pairs of directions, weighted by \
+             cosθ_i cosθ_o. Two lobes that are one BRDF's in another order show that the error is not one of \
+             unlike texels alone. A fit keeps the number of lobes; where that many lobes can be the blend it \
+             is exact."
             .into(),
-        plots: vec![plot("Coefficients interpolated", coefficients), plot("Fitted to the blended reflectance", fits)],
+        plots: vec![
+            plot("Coefficients interpolated", coefficients),
+            plot("Fitted to the blended reflectance", fits),
+        ],
         tables: vec![table],
         ..Section::default()
     }
@@ -181,8 +186,9 @@ fn by_level(maps: &[(&str, SbrdfMap)]) -> Section {
     Section {
         title: "MIP levels".into(),
         text: format!(
-            "Error against shading the finest level and filtering the result, over at most {TEXELS} texels of each level of maps of 33 × 33 texels: checks \
-             of two materials in cells of 3 × 3. One lobe a texel throughout."
+            "Error against shading the finest level and filtering the result, over at most {TEXELS} texels \
+             of each level of maps of 33 × 33 texels: checks of two materials in cells of 3 × 3. One lobe a \
+             texel throughout."
         ),
         plots: vec![Plot {
             title: "Error by level".into(),

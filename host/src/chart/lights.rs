@@ -1,4 +1,5 @@
-//! Frames per second of `lights` by lobes, lights, pixels, filter, shadows and storage: the shape of McAllister's table 6.1.
+//! Frames per second of `lights` by lobes, lights, pixels, filter, shadows and storage: the shape of
+//! McAllister's table 6.1.
 
 use std::sync::Arc;
 
@@ -17,8 +18,8 @@ use crate::scene::{Light, Reflectance, Scene, showcase};
 const ROUNDS: u32 = 3;
 /// Most lobes and lights.
 const MOST: usize = 8;
-/// Frames per second of the source at 800 × 600 with two samples a pixel on a GeForce 4: a row a number of lights, a column a
-/// number of lobes.
+/// Frames per second of the source at 800 × 600 with two samples a pixel on a GeForce 4: a row a number of
+/// lights, a column a number of lobes.
 const PUBLISHED: [[f64; 3]; 3] = [[50.7, 29.5, 20.8], [29.4, 16.2, 11.1], [20.8, 11.1, 7.57]];
 
 /// What the source's renderer did: neither shadows nor MIP levels.
@@ -31,7 +32,8 @@ const PLAIN: Settings = Settings {
     light_samples: 1,
 };
 
-/// The scene with a map of `lobes` lobes a texel on every object, all maps different, and with `count` lights.
+/// The scene with a map of `lobes` lobes a texel on every object, all maps different, and with `count`
+/// lights.
 fn prepared(scene: &Scene, lobes: usize, count: usize) -> Scene {
     let mut scene = scene.clone();
     let mut random = Random::new(lobes as u64);
@@ -102,9 +104,10 @@ pub fn chart(scene: &Scene, frames: u32) -> Result<Chart> {
         name: "lights".into(),
         title: "Speed of the lights renderer".into(),
         lead: format!(
-            "{triangles} triangles in {} objects, each with a map of its own, at {} × {} pixels and four samples a pixel where nothing else is said. The \
-             least of {ROUNDS} times {frames} frames, of fewer where they take over a second, without reading pictures back, on {}. Of a driver in software \
-             seconds are CPU time, and only ratios count.",
+            "{triangles} triangles in {} objects, each with a map of its own, at {} × {} pixels and four \
+             samples a pixel where nothing else is said. The least of {ROUNDS} times {frames} frames, of \
+             fewer where they take over a second, without reading pictures back, on {}. Of a driver in \
+             software seconds are CPU time, and only ratios count.",
             scene.objects.len(),
             scene.camera.width,
             scene.camera.height,
@@ -133,9 +136,11 @@ fn published_shape(meter: &mut Meter<'_>) -> Result<(Section, [[f64; 3]; 3])> {
     };
     let section = Section {
         title: "Lobes and lights".into(),
-        text: "Frames per second; then frames per second over those of one lobe and one light; then the same ratio of the source's GeForce 4 (261,549 \
-               triangles, 800 × 600, two samples a pixel). Without shadows and MIP levels, as there."
-            .into(),
+        text:
+            "Frames per second; then frames per second over those of one lobe and one light; then the same \
+             ratio of the source's GeForce 4 (261,549 triangles, 800 × 600, two samples a pixel). Without \
+             shadows and MIP levels, as there."
+                .into(),
         tables: vec![
             table(&|lights, lobes| 1.0 / seconds[lights][lobes]),
             table(&|lights, lobes| seconds[0][0] / seconds[lights][lobes]),
@@ -173,8 +178,10 @@ fn scaling(meter: &mut Meter<'_>, known: &[[f64; 3]; 3]) -> Result<Section> {
         |title: &str, x, series| Plot { title: title.into(), x, y: Axis::linear("ms a frame"), series };
     Ok(Section {
         title: "Scaling".into(),
-        text: "By lobes with one light, by lights with one lobe, by pixels with two of each. What is left at no pixels and no lights is the triangles' part."
-            .into(),
+        text:
+            "By lobes with one light, by lights with one lobe, by pixels with two of each. What is left at \
+             no pixels and no lights is the triangles' part."
+                .into(),
         plots: vec![
             plot(
                 "By lobes and lights",

@@ -1,4 +1,5 @@
-//! Fits of nine materials in the shape of table 3.4 of the specification: seconds, mean and largest RMS, sizes.
+//! Fits of nine materials in the shape of table 3.4 of the specification: seconds, mean and largest RMS,
+//! sizes.
 
 use std::path::Path;
 use std::time::Instant;
@@ -129,7 +130,12 @@ pub fn chart(seed: u64) -> Result<Chart> {
     let section = Section {
         title: "Nine materials".into(),
         text: format!(
-            "The recipes of examples/materials, {TEXEL_MM} mm a texel, random poses of which one in {AIMED} is aimed at the highlight, noise {:e} 1/sr and {} %; anisotropic lobes, residual: linear, one thread, the fit alone. The source's sizes are reduced: it had 311 to 7650 poses and 64² to 512² texels. RMS of the residual over samples and channels, mean and largest over the texels; where auto finds a mirror it leaves its poses out of the fit and of the RMS. Sizes are those of the files: a Zarr store with standard deviations, an OpenEXR map with its planes of errors.",
+            "The recipes of examples/materials, {TEXEL_MM} mm a texel, random poses of which one in {AIMED} \
+             is aimed at the highlight, noise {:e} 1/sr and {} %; anisotropic lobes, residual: linear, one \
+             thread, the fit alone. The source's sizes are reduced: it had 311 to 7650 poses and 64² to 512² \
+             texels. RMS of the residual over samples and channels, mean and largest over the texels; where \
+             auto finds a mirror it leaves its poses out of the fit and of the RMS. Sizes are those of the \
+             files: a Zarr store with standard deviations, an OpenEXR map with its planes of errors.",
             NOISE[0],
             100.0 * NOISE[1]
         ),
@@ -147,7 +153,9 @@ pub fn chart(seed: u64) -> Result<Chart> {
     Ok(Chart {
         name: "materials".into(),
         title: "What fits of materials cost and leave".into(),
-        lead: "Fabrics, wrapping papers, a leaf and a test pattern of our own, after table 3.4 of the source; its samples are not to be had.".into(),
+        lead: "Fabrics, wrapping papers, a leaf and a test pattern of our own, after table 3.4 of the \
+             source; its samples are not to be had."
+            .into(),
         sections: vec![section],
     })
 }

@@ -1,4 +1,5 @@
-//! What models beyond plain lobes are worth: materials that have tilted lobes, lobes that sharpen or a microfacet term, fitted with each.
+//! What models beyond plain lobes are worth: materials that have tilted lobes, lobes that sharpen or a
+//! microfacet term, fitted with each.
 
 use glam::{Vec2, Vec3};
 
@@ -68,8 +69,8 @@ fn material(kind: Kind, random: &mut Random) -> LobeBrdf {
     brdf
 }
 
-/// Medians of the texels' errors, a row a kind and a column a model, and the share of the texels of which all of what they are made of, and
-/// nothing else, was found by the last model; `done` is called a fit.
+/// Medians of the texels' errors, a row a kind and a column a model, and the share of the texels of which all
+/// of what they are made of, and nothing else, was found by the last model; `done` is called a fit.
 fn errors(side: usize, seed: u64, done: impl Fn()) -> Result<Vec<([f64; MODELS.len()], f64)>> {
     let mut random = Random::new(seed);
     let mut rows = Vec::new();
@@ -131,7 +132,11 @@ pub(super) fn section(seed: u64) -> Result<Section> {
     Ok(Section {
         title: "Models beyond lobes".into(),
         text: format!(
-            "{} texels a material with a diffuse term and a random one of each kind (n 8 to 60), 300 random poses, noise 1e-3 1/sr and 0.5 %, fitted with up to {LOBES} lobes and with what a column names, each where left-out poses are predicted better with it. Median of ‖f̂ − f‖ / ‖f‖ over 300 direction pairs that were not posed; last the share of the texels in which the fit with all of them has what the material has and nothing else.",
+            "{} texels a material with a diffuse term and a random one of each kind (n 8 to 60), 300 random \
+             poses, noise 1e-3 1/sr and 0.5 %, fitted with up to {LOBES} lobes and with what a column names, \
+             each where left-out poses are predicted better with it. Median of ‖f̂ − f‖ / ‖f‖ over 300 \
+             direction pairs that were not posed; last the share of the texels in which the fit with all of \
+             them has what the material has and nothing else.",
             SIDE * SIDE
         ),
         tables: vec![table],

@@ -1,4 +1,5 @@
-//! What a plan costs and gives, by its density: poses, travel, the largest gap, the sharpest lobe that it resolves.
+//! What a plan costs and gives, by its density: poses, travel, the largest gap, the sharpest lobe that it
+//! resolves.
 
 use super::{Axis, Chart, Plot, Section, Series, Table};
 use crate::error::Result;
@@ -46,10 +47,18 @@ pub fn chart(rig: &RigConfig, seed: u64) -> Result<Chart> {
     let plot = |title: &str, x, y: &str, series| Plot { title: title.into(), x, y: Axis::log(y), series };
     let section = Section {
         title: "Poses and travel by density".into(),
-        text: "Exponent: the sharpest lobe cosⁿ with four poses inside its highlight, by (3.5) for isotropic and (3.6) for anisotropic materials. Travel is the axes' time alone, without exposures.".into(),
+        text:
+            "Exponent: the sharpest lobe cosⁿ with four poses inside its highlight, by (3.5) for isotropic \
+             and (3.6) for anisotropic materials. Travel is the axes' time alone, without exposures."
+                .into(),
         plots: vec![
             plot("Poses by spacing", Axis::log("bi-angular spacing, °"), "poses", by_spacing),
-            plot("Travel by the sharpest lobe that is resolved", Axis::log("exponent n"), "travel, s", by_exponent),
+            plot(
+                "Travel by the sharpest lobe that is resolved",
+                Axis::log("exponent n"),
+                "travel, s",
+                by_exponent,
+            ),
         ],
         tables: vec![table],
         ..Section::default()

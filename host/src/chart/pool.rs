@@ -1,4 +1,5 @@
-//! Error against number of poses: texels fitted one by one, and pooled, under a light and a camera that stand near.
+//! Error against number of poses: texels fitted one by one, and pooled, under a light and a camera that stand
+//! near.
 
 use std::time::Instant;
 
@@ -91,7 +92,13 @@ pub fn chart(seed: u64) -> Result<Chart> {
     let section = Section {
         title: "Error by number of poses".into(),
         text: format!(
-            "Regions of {SIDE} × {SIDE} texels of {TEXEL_MM} mm, each of one random material: one lobe, n 5 to 150, above a ρ_d that is the region's, or 0.2 to 1.8 times that from texel to texel. Random poses of which the first and every {AIMED}th from there is aimed at the highlight; noise {:e} 1/sr and {} %. Light and camera stand {} and {} mm from the sample's centre, or {} m. ‖f̂ − f‖ / ‖f‖ over 300 direction pairs that were not posed, median over the texels, then over {MATERIALS} materials. One isotropic lobe is fitted; all fits bound albedos. Seconds are those of one fit at a time: texels share all threads, a region has one.",
+            "Regions of {SIDE} × {SIDE} texels of {TEXEL_MM} mm, each of one random material: one lobe, n 5 \
+             to 150, above a ρ_d that is the region's, or 0.2 to 1.8 times that from texel to texel. Random \
+             poses of which the first and every {AIMED}th from there is aimed at the highlight; noise {:e} \
+             1/sr and {} %. Light and camera stand {} and {} mm from the sample's centre, or {} m. ‖f̂ − f‖ \
+             / ‖f‖ over 300 direction pairs that were not posed, median over the texels, then over \
+             {MATERIALS} materials. One isotropic lobe is fitted; all fits bound albedos. Seconds are those \
+             of one fit at a time: texels share all threads, a region has one.",
             NOISE[0],
             100.0 * NOISE[1],
             NEAR_MM[0],
@@ -105,12 +112,15 @@ pub fn chart(seed: u64) -> Result<Chart> {
     Ok(Chart {
         name: "pool".into(),
         title: "Few photographs, many directions".into(),
-        lead: "Under a near light and camera every texel of a region is seen from other directions, so that a fit of all of them together needs far fewer poses than one of each (3.5, 4.6).".into(),
+        lead: "Under a near light and camera every texel of a region is seen from other directions, so that \
+             a fit of all of them together needs far fewer poses than one of each (3.5, 4.6)."
+            .into(),
         sections: vec![section],
     })
 }
 
-/// The medians over some materials, one after the other, so that times are those of a fit alone; `done` is called a material.
+/// The medians over some materials, one after the other, so that times are those of a fit alone; `done` is
+/// called a material.
 fn medians(
     case: &Case,
     side: usize,

@@ -48,7 +48,8 @@ struct OfScene {
     outcomes: Vec<[f64; 4]>,
 }
 
-/// Every method with the settings that trade its time for error; what the model has made ready is not made again.
+/// Every method with the settings that trade its time for error; what the model has made ready is not made
+/// again.
 fn settings<'a>(scene: &'a Scene, model: &Model<'a>, base: &render::Settings) -> Vec<Setting<'a>> {
     let mut all = Vec::new();
     for method in &METHODS {
@@ -64,7 +65,8 @@ fn settings<'a>(scene: &'a Scene, model: &Model<'a>, base: &render::Settings) ->
     all
 }
 
-/// Renders every scene with every renderer and setting, and compares with the reference at `truth` samples a pixel at most.
+/// Renders every scene with every renderer and setting, and compares with the reference at `truth` samples a
+/// pixel at most.
 ///
 /// # Errors
 /// Those of the scenes and of the path tracer. Another renderer that fails, or refuses a scene, is left out.
@@ -77,10 +79,11 @@ pub fn chart(scenes: &[(String, Scene)], truth: u32, seed: u64) -> Result<Chart>
         name: "render".into(),
         title: "Time against error of the renderers".into(),
         lead: format!(
-            "Every scene was rendered with every renderer and setting and compared with the path tracer with another seed, at {truth} \
-             samples a pixel or where its own noise is {} % relative RMSE. Relative RMSE: root of the mean of \
-             (a − b)² / (b² + ε²), b the reference, ε a tenth of its mean. FLIP: mean HDR-FLIP, 67 pixels a degree. Times are of one view of a \
-             scene that is ready; getting it ready is listed beside.",
+            "Every scene was rendered with every renderer and setting and compared with the path tracer with \
+             another seed, at {truth} samples a pixel or where its own noise is {} % relative RMSE. Relative \
+             RMSE: root of the mean of (a − b)² / (b² + ε²), b the reference, ε a tenth of its mean. FLIP: \
+             mean HDR-FLIP, 67 pixels a degree. Times are of one view of a scene that is ready; getting it \
+             ready is listed beside.",
             100.0 * TRUTH_NOISE
         ),
         sections,
@@ -119,8 +122,9 @@ fn choices(scenes: &[(String, Scene)], charted: &[OfScene]) -> Section {
     };
     Section {
         title: "Chosen for an error".into(),
-        text: "What lobelia render --max-error E takes: what its model, measured on a view of 64 pixels, predicted; what it verified itself, by few \
-               samples of the reference or the path tracer's own variance; and the error against this chart's reference."
+        text: "What lobelia render --max-error E takes: what its model, measured on a view of 64 pixels, \
+             predicted; what it verified itself, by few samples of the reference or the path tracer's own \
+             variance; and the error against this chart's reference."
             .into(),
         plots: vec![plot("relative RMSE", errors), plot("time, s", seconds)],
         tables: vec![table],

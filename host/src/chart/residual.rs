@@ -1,4 +1,5 @@
-//! What the choice of residual does: the same samples fitted with each, and the error of each fit in the measure of every other.
+//! What the choice of residual does: the same samples fitted with each, and the error of each fit in the
+//! measure of every other.
 
 use super::{Section, Table};
 use crate::error::Result;
@@ -42,7 +43,11 @@ pub(super) fn section(seed: u64) -> Result<Section> {
     Ok(Section {
         title: "Choice of residual".into(),
         text: format!(
-            "{} texels with a diffuse term and a GGX term (α 0.1 to 0.4, f0 0.05) each, whose tails no lobe has, 200 random poses, noise 1e-3 1/sr and 1 %, fitted by LM with every residual. A column gives the RMS difference in that residual's measure over 300 direction pairs that were not posed, over that of the fit with that very residual, median over texels: read down a column to see what the other choices cost. Below 1 the other choice predicts even this measure better.",
+            "{} texels with a diffuse term and a GGX term (α 0.1 to 0.4, f0 0.05) each, whose tails no lobe \
+             has, 200 random poses, noise 1e-3 1/sr and 1 %, fitted by LM with every residual. A column \
+             gives the RMS difference in that residual's measure over 300 direction pairs that were not \
+             posed, over that of the fit with that very residual, median over texels: read down a column to \
+             see what the other choices cost. Below 1 the other choice predicts even this measure better.",
             SIDE * SIDE
         ),
         tables,
@@ -50,8 +55,8 @@ pub(super) fn section(seed: u64) -> Result<Section> {
     })
 }
 
-/// Errors [fitted with][measured in] of fits of `lobes` lobes, each over that of the residual's own fit, median over texels; `done` is
-/// called a fit.
+/// Errors [fitted with][measured in] of fits of `lobes` lobes, each over that of the residual's own fit,
+/// median over texels; `done` is called a fit.
 fn errors(side: usize, lobes: usize, seed: u64, done: impl Fn()) -> Result<[[f64; COUNT]; COUNT]> {
     let mut random = Random::new(seed);
     let truth: Vec<LobeBrdf> = (0..side * side).map(|_| glossy(&mut random)).collect();

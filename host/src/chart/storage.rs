@@ -1,7 +1,8 @@
-//! What a map loses when its coefficients are stored in fewer bits (stability case G15): f16 and 8 bits against f32.
+//! What a map loses when its coefficients are stored in fewer bits (stability case G15): f16 and 8 bits
+//! against f32.
 //!
-//! A lobe's value goes as the n-th power of its base, so an error of C counts n times: what is exact enough for a colour is not for
-//! C of a sharp lobe.
+//! A lobe's value goes as the n-th power of its base, so an error of C counts n times: what is exact enough
+//! for a colour is not for C of a sharp lobe.
 
 use std::path::Path;
 
@@ -30,8 +31,8 @@ fn relative_error(storage: Storage, brdf: &LobeBrdf, pairs: &Pairs) -> f64 {
     pairs.distance(&stored, brdf) / pairs.distance(brdf, &LobeBrdf::default())
 }
 
-/// A test lobe over a diffuse term, with a peak of 0.9 sr⁻¹ at θ_i = 45° that changes by less than e^1.5 toward grazing and normal
-/// incidence, as those of materials do.
+/// A test lobe over a diffuse term, with a peak of 0.9 sr⁻¹ at θ_i = 45° that changes by less than e^1.5
+/// toward grazing and normal incidence, as those of materials do.
 fn test_lobe(n: f32, random: &mut Random) -> LobeBrdf {
     let most = f64::from((3.0 / n).min(0.15));
     let off = (0.5 * random.uniform(-most, most)) as f32;
@@ -85,8 +86,9 @@ fn by_exponent(seed: u64) -> Section {
     Section {
         title: "Error by exponent".into(),
         text: format!(
-            "Relative L2 error against f32 over all pairs of directions, weighted by cosθ_i cosθ_o; root of the mean square over {LOBES} lobes at random, \
-             each over a diffuse term. An error of C counts n times; the published 8 bits end at n = 255."
+            "Relative L2 error against f32 over all pairs of directions, weighted by cosθ_i cosθ_o; root of \
+             the mean square over {LOBES} lobes at random, each over a diffuse term. An error of C counts n \
+             times; the published 8 bits end at n = 255."
         ),
         plots: vec![Plot {
             title: "Error by exponent".into(),
@@ -111,13 +113,16 @@ fn published() -> Section {
     }
     Section {
         title: "Published materials".into(),
-        text: "The same error of the six materials that Lafortune et al. published. Their C reaches −2.7, which −1..1 cuts off; scaled, ρ_s is each lobe's peak.".into(),
+        text: "The same error of the six materials that Lafortune et al. published. Their C reaches −2.7, \
+             which −1..1 cuts off; scaled, ρ_s is each lobe's peak."
+            .into(),
         tables: vec![table],
         ..Section::default()
     }
 }
 
-/// In the mirror direction, where a lobe with |Cx| > 1 grows toward grazing angles and a clamped one does not.
+/// In the mirror direction, where a lobe with |Cx| > 1 grows toward grazing angles and a clamped one does
+/// not.
 fn grazing() -> Section {
     let lobe = Lobe::new(Rgb::splat(0.3), Vec3::new(-1.04, -1.04, 0.94), 40.0);
     let brdf = LobeBrdf { rho_d: Rgb::splat(0.05), beta: 0.0, lobes: vec![lobe], ..LobeBrdf::default() };
@@ -143,7 +148,9 @@ fn grazing() -> Section {
     }
     Section {
         title: "Grazing angles".into(),
-        text: "A lobe of C = (−1.04, −1.04, 0.94), n = 40 in the mirror direction. Where C is clamped at ±1 the brightness at grazing angles is lost.".into(),
+        text: "A lobe of C = (−1.04, −1.04, 0.94), n = 40 in the mirror direction. Where C is clamped at ±1 \
+             the brightness at grazing angles is lost."
+            .into(),
         plots: vec![Plot {
             title: "Reflectance in the mirror direction".into(),
             x: Axis::linear("angle of incidence, °"),
@@ -178,8 +185,9 @@ fn banding() -> Section {
     }
     Section {
         title: "Banding".into(),
-        text: "A map of 256 texels whose exponent rises from 2 to 10, lit from 30° and seen from above: few values of n make bands, which the eye sees from \
-               steps of about 1 %.".into(),
+        text: "A map of 256 texels whose exponent rises from 2 to 10, lit from 30° and seen from above: few \
+             values of n make bands, which the eye sees from steps of about 1 %."
+            .into(),
         plots: vec![Plot {
             title: "Reflectance along the map".into(),
             x: Axis::linear("texel"),
@@ -191,8 +199,8 @@ fn banding() -> Section {
     }
 }
 
-/// A scene where both artefacts show: a floor whose lobe grows toward grazing angles, seen against the light, and a ball whose
-/// exponent rises from 2 to 10 around it.
+/// A scene where both artefacts show: a floor whose lobe grows toward grazing angles, seen against the light,
+/// and a ball whose exponent rises from 2 to 10 around it.
 fn showing_artefacts() -> Result<Scene> {
     let mut scene = Scene::open(Path::new("lamps"))?;
     let shiny = |rho_d: f32, c: [f32; 3], n: f32| LobeBrdf {
@@ -245,9 +253,11 @@ fn pictures() -> Result<Section> {
     }
     Ok(Section {
         title: "In pictures".into(),
-        text: "The renderer `lights` with each storage, against f32: the floor is the lobe of the section on grazing angles, seen against the light, and the \
-               ball's exponent rises from 2 to 10 around it. `lobelia render --method lights --storage` does the same to any scene."
-            .into(),
+        text:
+            "The renderer `lights` with each storage, against f32: the floor is the lobe of the section on \
+             grazing angles, seen against the light, and the ball's exponent rises from 2 to 10 around it. \
+             `lobelia render --method lights --storage` does the same to any scene."
+                .into(),
         pictures,
         tables: vec![table],
         ..Section::default()

@@ -1,5 +1,5 @@
-//! Whether a command would write over a file that it reads or over another of its outputs: what was measured would be lost, and the
-//! command would seem to have succeeded.
+//! Whether a command would write over a file that it reads or over another of its outputs: what was measured
+//! would be lost, and the command would seem to have succeeded.
 
 use std::any::TypeId;
 use std::collections::BTreeMap;
@@ -85,7 +85,8 @@ pub(super) fn check(command: &Command, matches: &ArgMatches) -> Result<()> {
     Ok(())
 }
 
-/// Whether what is written to `output` is `file`, or one of the pictures of an animation by that name with a # is.
+/// Whether what is written to `output` is `file`, or one of the pictures of an animation by that name with
+/// a # is.
 fn would_write(output: &Path, file: &Path) -> bool {
     let name = |path: &Path| path.file_name().unwrap_or_default().to_string_lossy().into_owned();
     let (pattern, of_file) = (name(output), name(file));
@@ -165,7 +166,8 @@ fn inside(folder: &Path) -> Vec<PathBuf> {
     Vec::new()
 }
 
-/// The files that a scene or a material names, and those that are read with them: a map's MIP levels, a glTF document's buffers.
+/// The files that a scene or a material names, and those that are read with them: a map's MIP levels, a glTF
+/// document's buffers.
 pub(super) fn made_of(path: &Path) -> Vec<PathBuf> {
     let beside = |named: &Path| match files::ending(named).as_str() {
         "exr" => (1..).map(|level| mip::path(named, level)).take_while(|file| file.is_file()).collect(),
@@ -244,7 +246,8 @@ mod tests {
             "develop DIR/run --report DIR/run/journal.jsonl",
             "develop DIR/run --report DIR/run/frames/pose-00000-0.tiff",
             "develop DIR/run -o DIR/new.zarr --rig DIR/rig.toml --report DIR/rig.toml",
-            "acquire DIR/plan.toml --rig DIR/rig.toml --port sim --camera sim -o DIR/new --record DIR/plan.toml",
+            "acquire DIR/plan.toml --rig DIR/rig.toml --port sim --camera sim -o DIR/new --record \
+             DIR/plan.toml",
             "acquire --resume --port sim --camera sim -o DIR/run --report DIR/run/journal.jsonl",
             "render lamps -o DIR/m.exr --against DIR/m.exr",
             "render lamps -o DIR/linked.exr --against DIR/m.exr",
@@ -274,7 +277,8 @@ mod tests {
         for line in [
             "plan DIR/rig.toml --budget 4 -o DIR/plan.toml",
             "develop DIR/run -o DIR/run/sampled.zarr --report DIR/run/develop.json",
-            "acquire DIR/plan.toml --rig DIR/rig.toml --port sim --camera sim -o DIR/run2 --report DIR/a.json",
+            "acquire DIR/plan.toml --rig DIR/rig.toml --port sim --camera sim -o DIR/run2 --report \
+             DIR/a.json",
             "render DIR/scene.toml -o DIR/a.exr -o DIR/a.png --variance DIR/v.exr --against DIR/m.exr",
             "render lamps -o /dev/null --report /dev/null",
             "render lamps -o DIR/a##.png --report DIR/a.json",

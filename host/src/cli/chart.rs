@@ -23,8 +23,8 @@ pub(super) struct ChartArgs {
 
 #[derive(Debug, Subcommand)]
 enum What {
-    /// Time and error of fits by method, number of lobes and noise; models beyond lobes by material; cost by the amount of data; direction of anisotropy by blur; CPU and
-    /// GPU
+    /// Time and error of fits by method, number of lobes and noise; models beyond lobes by material; cost by
+    /// the amount of data; direction of anisotropy by blur; CPU and GPU
     Fit,
     /// Seconds, RMS and sizes of nine materials by method, after table 3.4 of the source
     #[cfg(feature = "sim")]
@@ -38,11 +38,14 @@ enum What {
     Pool,
     /// Coefficients in fewer bits: f16 and 8 bits against f32
     Storage,
-    /// Interpolated coefficients against interpolated reflectance, between texels and in MIP levels; filters of textures in pictures
+    /// Interpolated coefficients against interpolated reflectance, between texels and in MIP levels; filters
+    /// of textures in pictures
     Interpolation,
-    /// Prefiltered environments: maps against quadrature by exponent, pictures against the path tracer by exponent and angle
+    /// Prefiltered environments: maps against quadrature by exponent, pictures against the path tracer by
+    /// exponent and angle
     Environment {
-        /// Environments, .exr or .hdr files or shipped ones; the shipped ones, studio and sky, when none is named
+        /// Environments, .exr or .hdr files or shipped ones; the shipped ones, studio and sky, when none is
+        /// named
         environments: Vec<PathBuf>,
         /// Relative error of the prefiltered maps
         #[arg(long, value_name = "E", default_value_t = 0.01)]
@@ -136,15 +139,19 @@ pub(super) fn run(args: &ChartArgs, context: &mut Context) -> Result<()> {
     Ok(())
 }
 
-/// The scenes named, or all that are shipped, at a width of pictures.
+/// The scenes named, or all that are shipped and that every method draws, at a width of pictures.
 ///
 /// # Errors
 /// Input errors for a scene that cannot be read.
 fn open(names: &[PathBuf], width: u32) -> Result<Vec<(String, Scene)>> {
     let shipped: Vec<PathBuf> = shipped::SCENES.iter().map(|scene| scene.0.into()).collect();
-    let names = if names.is_empty() { &shipped } else { names };
-    let scenes = names.iter().map(|name| {
-        let mut scene = Scene::open(name)?;
+    let given = if names.is_empty() { &shipped } else { names };
+    let scenes = given.iter().map(|name| Ok((name, Scene::open(name)?)));
+    let drawn = |opened: &Result<(&PathBuf, Scene)>| {
+        !names.is_empty() || opened.as_ref().map_or(true, |(_, scene)| scene.beyond_lobes().is_none())
+    };
+    let scenes = scenes.filter(drawn).map(|opened| {
+        let (name, mut scene) = opened?;
         let camera = &mut scene.camera;
         camera.height = (width * camera.height / camera.width).max(1);
         camera.width = width;

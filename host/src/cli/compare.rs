@@ -14,11 +14,11 @@ use crate::progress::counted;
 use crate::reflectance::SbrdfMap;
 use crate::warning::{Kind, Warning};
 
-/// Renders poses of a run from the fitted map with the rig's own camera and light, and shows photograph, rendering and
-/// difference.
+/// Renders poses of a run from the fitted map with the rig's own camera and light, and shows photograph,
+/// rendering and difference.
 ///
-/// The run may be another than the map was measured in: with `cylinder_radius_mm` under [carrier] in its rig.toml, the
-/// sample is bent over a cylinder, its axis along y.
+/// The run may be another than the map was measured in: with `cylinder_radius_mm` under [carrier] in its
+/// rig.toml, the sample is bent over a cylinder, its axis along y.
 #[derive(Debug, Args)]
 pub(super) struct CompareArgs {
     /// The run's folder
@@ -28,8 +28,8 @@ pub(super) struct CompareArgs {
     /// A pose of the plan, from 0; may be given more than once [default: all]
     #[arg(long)]
     pose: Vec<usize>,
-    /// The run that the map was fitted from, by whose poses errors are told inside and outside of what was measured [default: RUN
-    /// itself, where the sample lies flat in it]
+    /// The run that the map was fitted from, by whose poses errors are told inside and outside of what was
+    /// measured [default: RUN itself, where the sample lies flat in it]
     #[arg(long, value_name = "RUN")]
     measured_in: Option<PathBuf>,
     /// Another rig to compare by, by which the run was developed
@@ -115,7 +115,8 @@ fn by_angle(comparison: &Comparison) {
                 }
             };
             println!(
-                "reflectance {what}: off by {median:.2} % in median over {} texels, 95 % below {most:.2} %, 99 % below {nearly_all:.2} %, worst {worst:.2} %",
+                "reflectance {what}: off by {median:.2} % in median over {} texels, 95 % below {most:.2} %, \
+                 99 % below {nearly_all:.2} %, worst {worst:.2} %",
                 row.texels
             );
         }

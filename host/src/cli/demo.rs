@@ -112,7 +112,8 @@ fn print(outcome: &DemoOutcome, report: &Report) {
     }
     let fits = &outcome.fits;
     println!(
-        "reflectance, relative RMS error on {} unposed direction pairs, {} texels: median, 95 %, worst (medians by material):",
+        "reflectance, relative RMS error on {} unposed direction pairs, {} texels: median, 95 %, worst \
+         (medians by material):",
         truth::PAIRS,
         fits.window.texels()
     );
@@ -167,8 +168,8 @@ fn of_materials(outcome: &DemoOutcome, fit: &FitOutcome) -> String {
 /// The file by which a folder is known to be a demo's, whose run may be replaced.
 const MARKER: &str = ".lobelia-demo";
 
-/// Removes the run of an earlier demo from its folder, and nothing else: other results are replaced as they are written. Refuses a
-/// folder that is something else.
+/// Removes the run of an earlier demo from its folder, and nothing else: other results are replaced as they
+/// are written. Refuses a folder that is something else.
 fn clear(folder: &Path) -> Result<()> {
     let empty = || std::fs::read_dir(folder).is_ok_and(|mut entries| entries.next().is_none());
     if folder.exists() && !empty() {

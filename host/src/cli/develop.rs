@@ -29,7 +29,8 @@ pub(super) struct DevelopArgs {
     /// Another rig to develop by, as after a calibration; the store keeps it beside the run's own
     #[arg(long, value_name = "RIG.toml")]
     rig: Option<PathBuf>,
-    /// Sets a key of the rig to develop by, as `carrier.texels_across=64`, `camera.focal_px=[4100, 4100]`, `camera.read_noise_e=4`
+    /// Sets a key of the rig to develop by, as `carrier.texels_across=64`, `camera.focal_px=[4100, 4100]`,
+    /// `camera.read_noise_e=4`
     #[arg(long, value_name = "KEY=VALUE")]
     set: Vec<String>,
     /// Develops a part of the sample: first column and row of texels, columns, rows
@@ -95,7 +96,8 @@ impl DevelopArgs {
     }
 }
 
-/// The rig to go by instead of the run's own: another one, or that with keys set; none where neither is asked for.
+/// The rig to go by instead of the run's own: another one, or that with keys set; none where neither is asked
+/// for.
 ///
 /// # Errors
 /// Input errors for a rig, a run or a setting that is wrong.

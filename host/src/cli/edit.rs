@@ -20,7 +20,8 @@ use crate::reflectance::{LobeBrdf, MapEncoding, SbrdfMap};
 pub(super) struct EditArgs {
     #[command(subcommand)]
     edit: Edit,
-    /// Writes the map in lines deflated by ZIP, which every program that reads OpenEXR opens, instead of in tiles, which are faster
+    /// Writes the map in lines deflated by ZIP, which every program that reads OpenEXR opens, instead of in
+    /// tiles, which are faster
     #[arg(long, global = true)]
     scanlines: bool,
 }
@@ -28,7 +29,8 @@ pub(super) struct EditArgs {
 /// What can be done.
 #[derive(Debug, Subcommand)]
 enum Edit {
-    /// Reduces a map to a palette of BRDFs and an index image, both to be edited; `edit palette` makes a map of them again
+    /// Reduces a map to a palette of BRDFs and an index image, both to be edited; `edit palette` makes a map
+    /// of them again
     Cluster(ClusterArgs),
     /// Makes a map of a palette and an index image
     Palette(PaletteArgs),
@@ -75,7 +77,8 @@ struct PaletteArgs {
 struct MeanArgs {
     /// The map (OpenEXR)
     map: PathBuf,
-    /// Grey picture of the map's size: the share with which each texel counts, white in full; all alike when not given
+    /// Grey picture of the map's size: the share with which each texel counts, white in full; all alike when
+    /// not given
     #[arg(long, value_name = "MASK.png")]
     mask: Option<PathBuf>,
     /// Lobes of the mean; as many as the map has when not given
@@ -104,7 +107,8 @@ struct CompositeArgs {
 struct ReplaceArgs {
     /// The map (OpenEXR)
     map: PathBuf,
-    /// PNG or JPEG (sRGB), OpenEXR or Radiance HDR (linear); as large as the map, or a whole number of times as large in both directions
+    /// PNG or JPEG (sRGB), OpenEXR or Radiance HDR (linear); as large as the map, or a whole number of times
+    /// as large in both directions
     #[arg(long, value_name = "PHOTO")]
     photo: PathBuf,
     /// The map to write, of the photograph's size
@@ -146,7 +150,8 @@ struct PhotoArgs {
 struct TileArgs {
     /// The map (OpenEXR)
     map: PathBuf,
-    /// Texels by which the borders overlap; the result is so much smaller. An eighth of the map when not given
+    /// Texels by which the borders overlap; the result is so much smaller. An eighth of the map when not
+    /// given
     #[arg(long, value_name = "TEXELS")]
     overlap: Option<usize>,
     /// The map to write
@@ -259,7 +264,8 @@ fn run_cluster(args: &ClusterArgs, context: &mut Context) -> Result<()> {
         context.report.errors.push(figure.with("brdfs", entries.len()));
     }
     println!(
-        "{}: {}; {}: {} × {} texels; reflectance off by {:.2} %, by the nearest texels in their place {:.2} % (relative L2, weighted by cosθ_i cosθ_o)",
+        "{}: {}; {}: {} × {} texels; reflectance off by {:.2} %, by the nearest texels in their place {:.2} \
+         % (relative L2, weighted by cosθ_i cosθ_o)",
         args.output.display(),
         counted(entries.len() as u64, "BRDF", "BRDFs"),
         args.index.display(),
@@ -314,7 +320,8 @@ fn run_mean(args: &MeanArgs, encoding: MapEncoding, context: &mut Context) -> Re
     )
 }
 
-/// Refuses a map whose coefficients are numbers, but not such as can be computed with: what became of them is not.
+/// Refuses a map whose coefficients are numbers, but not such as can be computed with: what became of them is
+/// not.
 fn computed(map: &SbrdfMap, path: &Path, result: f64) -> Result<()> {
     if result.is_finite() {
         return Ok(());
@@ -368,15 +375,16 @@ fn run_replace(args: &ReplaceArgs, encoding: MapEncoding, context: &mut Context)
     finish(replaced, "diffuse channel by a photograph, mean kept", (&args.output, encoding), context)
 }
 
-/// Tells how many texels of a map reflect more light than they receive by what a photograph says, and where it says so.
+/// Tells how many texels of a map reflect more light than they receive by what a photograph says, and where
+/// it says so.
 fn tell_too_bright(map: &SbrdfMap, photo: &Path, bright: &str, context: &mut Context) {
     let (count, most) = diffuse::too_bright(map);
     context.report.figure("texels_too_bright", count);
     if count > 0 {
         let texels = counted(count as u64, "texel", "texels");
         context.note(format!(
-            "{}: {texels} would reflect up to {most:.2} times the light that they receive, where the photograph is {bright}; take its \
-             highlights out",
+            "{}: {texels} would reflect up to {most:.2} times the light that they receive, where the \
+             photograph is {bright}; take its highlights out",
             photo.display()
         ));
     }
@@ -416,7 +424,8 @@ fn run_tile(args: &TileArgs, encoding: MapEncoding, context: &mut Context) -> Re
         context.report.errors.push(ErrorFigure::new("mismatch", value, "1", over).with("place", place));
     }
     println!(
-        "borders differ by {overlapping:.2} of the step between neighbours all over, by {seam:.2} along the seams"
+        "borders differ by {overlapping:.2} of the step between neighbours all over, by {seam:.2} along the \
+         seams"
     );
     finish(
         tile.map,
@@ -439,7 +448,8 @@ mod tests {
         args: EditArgs,
     }
 
-    /// A folder with a map `a.exr` of 8 × 6 texels, one `small.exr` of 1 × 1, a photograph and a mask of the map's size.
+    /// A folder with a map `a.exr` of 8 × 6 texels, one `small.exr` of 1 × 1, a photograph and a mask of the
+    /// map's size.
     fn folder() -> tempfile::TempDir {
         let folder = tempfile::tempdir().unwrap();
         let texels = ["clay", "felt"].map(|name| materials::published(name).unwrap());

@@ -20,7 +20,8 @@ pub(super) struct EnvironmentArgs {
     /// How prefiltered maps encode the exponent [default: slices]
     #[arg(long, value_parser = options(&Encoding::ALL, Encoding::option))]
     pub(super) encoding: Option<Encoding>,
-    /// Relative error of the prefiltered maps, RMS over directions; their resolution and number follow from it [default: 0.01]
+    /// Relative error of the prefiltered maps, RMS over directions; their resolution and number follow from
+    /// it [default: 0.01]
     #[arg(long, value_name = "E")]
     pub(super) map_error: Option<f32>,
     /// Takes the cosine at a lobe's peak, as published, and lets light from below the horizon in
@@ -73,7 +74,8 @@ pub(super) struct PrefilterArgs {
     /// Exponents of the lobes
     #[arg(short = 'n', long = "exponent", value_delimiter = ',', required = true)]
     exponents: Vec<f32>,
-    /// Folder for a map an exponent: n-16.exr holds ∫ (ω_p·ω)ⁿ L dω / ∫ (ω_p·ω)ⁿ dω for ω_p at the pixels' centres
+    /// Folder for a map an exponent: n-16.exr holds ∫ (ω_p·ω)ⁿ L dω / ∫ (ω_p·ω)ⁿ dω for ω_p at the pixels'
+    /// centres
     #[arg(short, long, default_value = "prefiltered")]
     output: PathBuf,
     /// Rows of every map, instead of as many as its exponent needs for --map-error

@@ -1,4 +1,5 @@
-//! `lobelia fit`: a sampled SBRDF into an SBRDF map, at once or in parts, or one measured table into lobes a wavelength.
+//! `lobelia fit`: a sampled SBRDF into an SBRDF map, at once or in parts, or one measured table into lobes a
+//! wavelength.
 
 mod args;
 mod held_out;
@@ -47,8 +48,9 @@ pub(super) fn run(args: &FitArgs, context: &mut super::Context) -> Result<()> {
     Ok(())
 }
 
-/// What maps say of how they were made, and which poses of their samples weigh nothing. Of a sampled SBRDF the hash is that of its size and poses: for one of the samples each part
-/// of a fit would have to read them all.
+/// What maps say of how they were made, and which poses of their samples weigh nothing. Of a sampled SBRDF
+/// the hash is that of its size and poses: for one of the samples each part of a fit would have to read them
+/// all.
 fn made(args: &FitArgs, report: &Report) -> Texts {
     let mut of_map = Report { inputs: Vec::new(), ..report.clone() };
     let mut weightless = None;
@@ -65,7 +67,8 @@ fn made(args: &FitArgs, report: &Report) -> Texts {
     of_map.provenance().into_iter().chain(weightless).collect()
 }
 
-/// Prints what was found to stdout and writes the map where one is asked for. `seed` is that of the random starts.
+/// Prints what was found to stdout and writes the map where one is asked for. `seed` is that of the random
+/// starts.
 ///
 /// # Errors
 /// Input errors for files and options that make no sense; failures of the disk.
@@ -92,7 +95,8 @@ fn fit_input(args: &FitArgs, seed: u64) -> Result<Findings> {
             )))
         }
         _ => Err(Error::input(format!(
-            "{}{}: `fit` reads a sampled SBRDF (.zarr) or a measured table (.brdf, .dat, .txt, .alta, .binary); the name's ending must say which",
+            "{}{}: `fit` reads a sampled SBRDF (.zarr) or a measured table (.brdf, .dat, .txt, .alta, \
+             .binary); the name's ending must say which",
             input.display(),
             files::what_is(input).map_or_else(String::new, |what| format!(": {what}"))
         ))),
@@ -105,12 +109,14 @@ fn output(args: &FitArgs) -> Result<&Path> {
     args.output.as_deref().ok_or_else(|| Error::input(message))
 }
 
-/// On Ctrl-C says what is kept and how to go on, and ends. Writing is atomic, so nothing half-written is left in a map's place.
+/// On Ctrl-C says what is kept and how to go on, and ends. Writing is atomic, so nothing half-written is left
+/// in a map's place.
 fn say_when_interrupted(part: bool) {
     let hint = if part {
         "this part is not written; the same command does it again, and parts that are done are kept"
     } else {
-        "nothing is written; the same command begins again, and one in parts (--chunks 1/8 to 8/8, then --merge) keeps those that are done"
+        "nothing is written; the same command begins again, and one in parts (--chunks 1/8 to 8/8, then \
+         --merge) keeps those that are done"
     };
     // A second handler in one process is refused; the first one serves.
     let _ = ctrlc::set_handler(move || {
@@ -197,7 +203,8 @@ fn rate(outcome: &mut Findings, texels: usize, seconds: f64) {
     outcome.figure("texels_per_second", texels as f64 / seconds.max(1e-9));
 }
 
-/// Fits all MIP levels but the finest and writes each beside it, with how it was made and which poses were held out.
+/// Fits all MIP levels but the finest and writes each beside it, with how it was made and which poses were
+/// held out.
 fn write_levels(
     store: &SampledStore,
     options: &FitOptions,

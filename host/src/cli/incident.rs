@@ -10,11 +10,12 @@ use crate::render::incident::Settings;
 #[derive(Debug, Default, Args)]
 #[command(next_help_heading = "Options of --method incident")]
 pub(super) struct IncidentArgs {
-    /// Degree of the spherical harmonics of transfer and of light: higher ones hold sharper shadows [default: 8]
+    /// Degree of the spherical harmonics of transfer and of light: higher ones hold sharper shadows [default:
+    /// 8]
     #[arg(long, value_name = "L", value_parser = clap::value_parser!(u32).range(1..=8))]
     pub(super) degree: Option<u32>,
-    /// Error that samples of incident radiance may make at a vertex, over the root mean square of the vertices' radiance
-    /// [default: 0.01]
+    /// Error that samples of incident radiance may make at a vertex, over the root mean square of the
+    /// vertices' radiance [default: 0.01]
     #[arg(long, value_name = "E")]
     pub(super) epsilon: Option<f64>,
 }

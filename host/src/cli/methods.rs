@@ -19,8 +19,8 @@ impl MethodArg {
 /// The names of all methods, and `auto`.
 pub(super) fn or_auto() -> impl TypedValueParser<Value = MethodArg> {
     let auto = PossibleValue::new("auto").help(
-        "The cheapest that meets --max-error; without it `lights` when there is a GPU and no environment, else \
-         `reference`",
+        "The cheapest that meets --max-error; without it `lights` when there is a GPU and no environment, \
+         else `reference`",
     );
     PossibleValuesParser::new(std::iter::once(auto).chain(METHODS.iter().map(value)))
         .map(|name| MethodArg(Method::find(&name)))

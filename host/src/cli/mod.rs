@@ -27,6 +27,7 @@ mod environment;
 mod fit;
 mod incident;
 mod methods;
+mod paths;
 mod plan;
 mod render;
 mod rig;
@@ -87,8 +88,8 @@ enum Command {
     Synth(synth::SynthArgs),
     /// Edits SBRDF maps: palettes, means, composites, diffuse photographs, tiles
     ///
-    /// BRDFs are compared and blended by their reflectance, never by their coefficients. What was done is noted in the new map's
-    /// attributes edit.1, edit.2, …
+    /// BRDFs are compared and blended by their reflectance, never by their coefficients. What was done is
+    /// noted in the new map's attributes edit.1, edit.2, …
     Edit(edit::EditArgs),
     /// Renders a scene
     Render(render::RenderArgs),
@@ -213,8 +214,8 @@ fn seconds_of(option: &str, seconds: f64, least: f64) -> Result<Duration> {
     Err(Error::input(format!("{option} is {seconds}, must be {least} to {MOST} s")))
 }
 
-/// Lets every option that takes a value take a number below 0, so that the option's own check says what is wrong with it, not the
-/// grammar.
+/// Lets every option that takes a value take a number below 0, so that the option's own check says what is
+/// wrong with it, not the grammar.
 fn negative_numbers(command: clap::Command) -> clap::Command {
     let command = command.mut_args(|arg| {
         let takes_value = arg.get_action().takes_values();
@@ -223,8 +224,8 @@ fn negative_numbers(command: clap::Command) -> clap::Command {
     command.mut_subcommands(negative_numbers)
 }
 
-/// What is wrong with a number on the command line that is NaN or infinite: no option has a use for such, and a comparison with NaN may
-/// never end.
+/// What is wrong with a number on the command line that is NaN or infinite: no option has a use for such, and
+/// a comparison with NaN may never end.
 fn not_finite(command: &clap::Command, matches: &ArgMatches) -> Option<String> {
     let of_command = command.get_arguments().filter(|arg| takes_fraction(arg)).find_map(|arg| {
         let given = matches.try_get_raw(arg.get_id().as_str()).ok()??;

@@ -7,6 +7,7 @@ use super::Context;
 use super::environment::EnvironmentArgs;
 use super::incident::IncidentArgs;
 use super::methods::{self, MethodArg, options};
+use super::paths::PathArgs;
 use crate::chart::Table;
 use crate::error::{Error, Result};
 use crate::figures::ErrorFigure;
@@ -24,31 +25,36 @@ use crate::scene::{Scene, State};
 /// Render a scene of SBRDF materials.
 #[derive(Debug, clap::Args)]
 pub(super) struct RenderArgs {
-    /// The scene: a .toml file, or one that is shipped: studio-ball, sky-drape, lamps, window, metal-row, gallery, teapot, panels
+    /// The scene: a .toml file, or one that is shipped: studio-ball, sky-drape, lamps, window, metal-row,
+    /// gallery, teapot, glass-mirror, lanterns, panels
     pub(super) scene: PathBuf,
-    /// Where the picture goes: .exr is linear, .png is tone-mapped. May be given more than once. A name with # (frame-##.png)
-    /// takes every frame of the scene's animation
+    /// Where the picture goes: .exr is linear, .png is tone-mapped. May be given more than once. A name
+    /// with # (frame-##.png) takes every frame of the scene's animation
     #[arg(short, long = "output", required = true)]
     pub(super) output: Vec<PathBuf>,
     /// How to render
     #[arg(long, default_value = "auto", value_parser = methods::or_auto())]
     pub(super) method: MethodArg,
-    /// A folder of `lobelia bake`, of this scene and of these settings; `auto` without --max-error takes the method that it is for
+    /// A folder of `lobelia bake`, of this scene and of these settings; `auto` without --max-error takes the
+    /// method that it is for
     #[arg(long, value_name = "DIR")]
     pub(super) baked: Option<PathBuf>,
-    /// Samples a pixel: of the reference [default: 64, or as many as --seconds and --max-error need], of lights at edges [default: 4,
-    /// or the most below that the GPU can], of environment and incident [default: 16]
+    /// Samples a pixel: of the reference [default: 64, or as many as --seconds and --max-error need], of
+    /// lights at edges [default: 4, or the most below that the GPU can], of environment and incident
+    /// [default: 16]
     #[arg(long, value_parser = clap::value_parser!(u32).range(1..=1_048_576))]
     pub(super) samples: Option<u32>,
-    /// Seconds that the reference may take for a view at most, reading and preparing the scene aside; every pixel gets a sample at least
+    /// Seconds that the reference may take for a view at most, reading and preparing the scene aside; every
+    /// pixel gets a sample at least
     #[arg(long)]
     pub(super) seconds: Option<f64>,
-    /// Relative RMSE that the picture may have, 0.01 for 1 %: `auto` measures every method on a small view, takes the cheapest
-    /// that meets it and judges its picture by the reference; `reference` stops by its pixels' variance
+    /// Relative RMSE that the picture may have, 0.01 for 1 %: `auto` measures every method on a small view,
+    /// takes the cheapest that meets it and judges its picture by the reference; `reference` stops by its
+    /// pixels' variance
     #[arg(long, value_name = "E")]
     pub(super) max_error: Option<f64>,
-    /// Frames that what is prepared will be used for: with --max-error `auto` takes the cheapest by the whole, baking included
-    /// [default: those of the animation]
+    /// Frames that what is prepared will be used for: with --max-error `auto` takes the cheapest by the
+    /// whole, baking included [default: those of the animation]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
     pub(super) frames: Option<u32>,
     /// Times that the light, or an object, changes between them [default: as in the animation]
@@ -70,6 +76,8 @@ pub(super) struct RenderArgs {
     #[arg(long)]
     pub(super) height: Option<u32>,
     #[command(flatten)]
+    pub(super) paths: PathArgs,
+    #[command(flatten)]
     pub(super) lights: LightsArgs,
     #[command(flatten)]
     pub(super) environment: EnvironmentArgs,
@@ -84,7 +92,8 @@ pub(super) struct LightsArgs {
     /// What a pixel takes of a texture that is smaller than it should be [default: shaded]
     #[arg(long, value_parser = options(&Filtering::ALL, Filtering::option))]
     filter: Option<Filtering>,
-    /// Samples of a texture along an axis of the pixel at most; along the longer one with MIP levels [default: 16]
+    /// Samples of a texture along an axis of the pixel at most; along the longer one with MIP levels
+    /// [default: 16]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=256))]
     anisotropy: Option<u32>,
     /// How coefficients are stored on the GPU [default: f32]
@@ -126,13 +135,16 @@ impl RenderArgs {
     /// What the reference is to do.
     fn settings(&self, seed: u64) -> reference::Settings {
         let budget = self.seconds.is_some() || self.max_error.is_some();
-        reference::Settings {
+        let mut settings = reference::Settings {
             samples: self.samples.unwrap_or(if budget { 1 << 20 } else { 64 }),
             seconds: self.seconds,
             max_error: self.max_error,
             bounces: self.bounces.unwrap_or(reference::Settings::default().bounces),
             seed,
-        }
+            ..reference::Settings::default()
+        };
+        self.paths.apply(&mut settings);
+        settings
     }
 
     /// Refuses what a method that is named would not look at.
@@ -205,6 +217,9 @@ pub(super) fn run(args: &RenderArgs, context: &mut Context) -> Result<()> {
     context.report.figure("pixels", vec![picture.width, picture.height]);
     context.report.figure("samples", cost.samples);
     context.report.figure("rays", cost.rays);
+    if cost.rays > 0 {
+        context.report.figure("rays_per_second", cost.rays as f64 / cost.render_seconds);
+    }
     context.report.figure("draws", cost.draws);
     context.report.figure("render_memory_bytes", cost.memory_bytes);
     context.report.figure("method", outcome.method.name);
@@ -302,7 +317,8 @@ pub(super) fn outcomes(tried: &[Tried]) -> Table {
 /// Reads the scene, renders it, writes every picture.
 ///
 /// # Errors
-/// Input errors for the scene and for names of pictures; failures of the GPU (unless `--method auto`) and of the disk.
+/// Input errors for the scene and for names of pictures; failures of the GPU (unless `--method auto`) and of
+/// the disk.
 fn render_scene(args: &RenderArgs, seed: u64) -> Result<RenderOutcome> {
     for path in &args.output {
         if render::picture_kind(path).is_none() {
@@ -340,6 +356,7 @@ fn render_scene(args: &RenderArgs, seed: u64) -> Result<RenderOutcome> {
         };
     }
     let (states, paths): (Vec<State>, Vec<Vec<PathBuf>>) = frames(&scene, args)?.into_iter().unzip();
+    args.paths.check(args.method, states.len() > 1)?;
     for State { camera, .. } in &states {
         camera.check()?;
         // Means and variances of a pixel, and the picture in the forms that it is written in.
@@ -386,12 +403,14 @@ fn render_scene(args: &RenderArgs, seed: u64) -> Result<RenderOutcome> {
     stages.push(("prepare", cost.prepare_seconds));
     stages.extend((cost.light_seconds > 0.0).then_some(("light", cost.light_seconds)));
     stages.extend([("render", cost.view_seconds + cost.render_seconds), ("write", write_seconds)]);
-    let written = paths.into_iter().flatten().collect();
+    let layers = args.paths.write(&scene, &settings.reference)?;
+    let written = layers.into_iter().chain(paths.into_iter().flatten()).collect();
     let render::Drawn { method, note, tried, last, .. } = drawn;
     Ok(RenderOutcome { stages, method, note, tried, rendering: last, errors, written })
 }
 
-/// The states to render, each with its pictures: the scene's own, or those of the animation when names have a `#`.
+/// The states to render, each with its pictures: the scene's own, or those of the animation when names have a
+/// `#`.
 ///
 /// # Errors
 /// Input errors for names with `#` beside others, or without an animation.
@@ -444,9 +463,9 @@ mod tests {
 
     fn args(folder: &std::path::Path, method: &str, outputs: &[&str]) -> RenderArgs {
         let scene = folder.join("scene.toml");
-        let text = "[camera]\nposition = [0, 1, 4]\ntarget = [0, 0, 0]\nfov_deg = 40\nwidth = 64\nheight = 48\n\
-            [[object]]\nmesh = \"sphere\"\nmaterial.published = \"clay\"\n\
-            [[light]]\nkind = \"directional\"\ntoward = [1, 1, 1]\nirradiance = [3, 3, 3]\n";
+        let text = "[camera]\nposition = [0, 1, 4]\ntarget = [0, 0, 0]\nfov_deg = 40\nwidth = 64\nheight = \
+             48\n[[object]]\nmesh = \"sphere\"\nmaterial.published = \"clay\"\n[[light]]\nkind = \
+             \"directional\"\ntoward = [1, 1, 1]\nirradiance = [3, 3, 3]\n";
         std::fs::write(&scene, text).unwrap();
         RenderArgs {
             scene,
@@ -461,6 +480,7 @@ mod tests {
             bounces: Some(4),
             variance: None,
             against: None,
+            paths: PathArgs::default(),
             lights: LightsArgs::default(),
             environment: EnvironmentArgs::default(),
             incident: IncidentArgs::default(),

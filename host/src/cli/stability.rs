@@ -21,8 +21,8 @@ pub(super) struct StabilityArgs {
 
 #[derive(Debug, Subcommand)]
 enum What {
-    /// Fits by noise, exponent and density, random starts, estimators of the diffuse term, registration blur, grazing poses and materials that
-    /// are no lobes: where each method breaks, and whether it said so
+    /// Fits by noise, exponent and density, random starts, estimators of the diffuse term, registration blur,
+    /// grazing poses and materials that are no lobes: where each method breaks, and whether it said so
     Fit,
 }
 

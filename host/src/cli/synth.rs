@@ -132,7 +132,8 @@ fn sampled(material: &str, options: Options) -> Result<SampledSbrdf> {
             let brdf = materials::published(material).ok_or_else(|| {
                 let known = materials::NAMES.join(", ");
                 Error::input(format!(
-                    "`{material}` is neither a published material ({known}), nor the name of an SBRDF map (.exr) or a recipe (.toml)"
+                    "`{material}` is neither a published material ({known}), nor the name of an SBRDF map \
+                     (.exr) or a recipe (.toml)"
                 ))
             })?;
             Ok(synth::sample(&options, |_, _, wi, wo| brdf.eval(wi, wo)))

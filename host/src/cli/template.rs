@@ -44,13 +44,15 @@ pub(super) fn run(args: &TemplateArgs) -> Result<()> {
     Ok(())
 }
 
-const RIG_HEADING: &str = "# A rig. Lengths in mm, angles in degrees, times in s. Keys and tables left out keep the values shown here; the table of an axis, as\n\
-     # [axes.pan], is left out as a whole or has all of them.\n";
+const RIG_HEADING: &str = "# A rig. Lengths in mm, angles in degrees, times in s. Keys and tables left out \
+     keep the values shown here; the table of an axis, as\n# [axes.pan], is left out as a whole or has all \
+     of them.\n";
 
 const RIG_DRIVER: &str = "
 # An axis that is homed otherwise than usual may have:
 # [axes.pan.homing]
-# end = \"lower\"             # of the travel, at which its switch is; with \"upper\" home_deg is above max_deg
+# end = \"lower\"             # of the travel, at which its switch is; with \"upper\" \
+home_deg is above max_deg
 # speed_deg_s = 20.0        # of the first search: a third of max_speed_deg_s unless it is said
 # slow_speed_deg_s = 1.0    # of the measuring: a sixtieth
 # back_off_deg = 1.0        # before the measuring
@@ -70,7 +72,8 @@ const RIG_DRIVER: &str = "
 # [[keep_out]]
 # first = \"light\"
 # first_deg = [10.0, 40.0]
-# second = \"pan\"           # of the two the one that can be homed wherever the other stands gets the lower home_order
+# second = \"pan\"           # of the two the one that can be homed wherever the other \
+stands gets the lower home_order
 # second_deg = [60.0, 90.0]
 ";
 
@@ -85,7 +88,8 @@ const COMMENTS: [(&str, &str); 43] = [
     ("home_deg", "angle of the home switch's edge, below min_deg"),
     (
         "home_switch_deg",
-        "travel with the switch closed, down to the hard stop; closed for longer means stuck or a broken wire",
+        "travel with the switch closed, down to the hard stop; closed for longer means stuck or a broken \
+         wire",
     ),
     ("home_order", "axes with a lower number are homed first"),
     ("take_up_deg", "overshoot that takes up the backlash: every position is approached from below"),
@@ -126,7 +130,8 @@ const COMMENTS: [(&str, &str); 43] = [
     ("tag_size_mm", "outer edge of a tag's black border (family 36h11)"),
     (
         "exif",
-        "how far a frame's EXIF exposure must be the controller's: \"nominal\" (a third of a stop), \"exact\", \"ignore\"",
+        "how far a frame's EXIF exposure must be the controller's: \"nominal\" (a third of a stop), \
+         \"exact\", \"ignore\"",
     ),
     (
         "ready_wait_s",

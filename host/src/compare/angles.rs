@@ -65,8 +65,8 @@ pub(super) struct Seen {
     all: f64,
 }
 
-/// What one photograph says of each texel: squared difference and squared reflectance over the texel's pixels, by the directions at
-/// its middle.
+/// What one photograph says of each texel: squared difference and squared reflectance over the texel's
+/// pixels, by the directions at its middle.
 pub(super) fn of_photograph(
     lattice: &Lattice,
     cone: Option<&Cone>,

@@ -1,9 +1,9 @@
-//! A fitted map against the photographs that it came from (section 4.4.1): every pose rendered with the rig's own camera
-//! and light, pixel by pixel of the mosaic, and how far the two pictures are apart.
+//! A fitted map against the photographs that it came from (section 4.4.1): every pose rendered with the rig's
+//! own camera and light, pixel by pixel of the mosaic, and how far the two pictures are apart.
 //!
-//! Both are judged in the same interpolation, inside the sample's outline. Colours are relative to a perfect diffuser at the
-//! same point under the same light, so that neither the lamp's colour nor its distance counts. The sample may lie flat, as
-//! it did when it was measured, or be bent over a cylinder.
+//! Both are judged in the same interpolation, inside the sample's outline. Colours are relative to a perfect
+//! diffuser at the same point under the same light, so that neither the lamp's colour nor its distance
+//! counts. The sample may lie flat, as it did when it was measured, or be bent over a cylinder.
 
 mod angles;
 mod page;
@@ -46,8 +46,8 @@ const BRIGHTEST_DELTA_E: f64 = 10.0;
 pub struct Difference {
     /// ‖rendered − photographed radiance‖ / ‖photographed‖ over the mosaic's pixels.
     pub relative_rms: f64,
-    /// Peak signal-to-noise ratio, dB, of the pictures in sRGB, where a perfect diffuser is white and what is brighter is
-    /// clipped.
+    /// Peak signal-to-noise ratio, dB, of the pictures in sRGB, where a perfect diffuser is white and what is
+    /// brighter is clipped.
     pub psnr_db: f64,
     /// CIEDE2000 of the same pictures: mean and 95th percentile.
     pub delta_e: [f64; 2],
@@ -58,7 +58,8 @@ pub struct Difference {
 pub struct ComparedPose {
     /// Index of the pose in the plan.
     pub pose: usize,
-    /// Angle between the half vector and the normal at the sample's centre, degrees: 0 looks into the mirror direction.
+    /// Angle between the half vector and the normal at the sample's centre, degrees: 0 looks into the mirror
+    /// direction.
     pub half_deg: f64,
     /// The difference.
     pub difference: Difference,
@@ -80,7 +81,8 @@ pub struct Comparison {
     pub cone: Option<Cone>,
     /// Poses that were asked for and could not be registered, and why.
     pub left_out: Vec<(usize, String)>,
-    /// Frames that were left out because they are damaged, and what the poses that were left out have in common.
+    /// Frames that were left out because they are damaged, and what the poses that were left out have in
+    /// common.
     pub notes: Vec<String>,
 }
 
@@ -105,12 +107,12 @@ struct Shot {
     seen: Vec<Seen>,
 }
 
-/// Compares the given poses, or all when none is given; poses that cannot be registered are left out and named. The result is in
-/// order of the poses. `cone` is that of the poses that the map was fitted from.
+/// Compares the given poses, or all when none is given; poses that cannot be registered are left out and
+/// named. The result is in order of the poses. `cone` is that of the poses that the map was fitted from.
 ///
 /// # Errors
-/// Input errors: a map of another size than the rig's texels, a pose that isn't in the plan, damaged frames, or not one
-/// registered pose.
+/// Input errors: a map of another size than the rig's texels, a pose that isn't in the plan, damaged frames,
+/// or not one registered pose.
 pub fn poses(
     photographs: &Photographs,
     map: &SbrdfMap,
@@ -164,8 +166,8 @@ fn check(photographs: &Photographs, map: &SbrdfMap, wanted: &[usize]) -> Result<
     let (width, height) = (carrier.texels_across, carrier.texels_down());
     if (map.width, map.height) != (width, height) {
         let message = format!(
-            "the map has {} × {} texels, the run's rig {width} × {height}; name the rig that it was developed by with --rig or --set; a \
-             region's map cannot be compared",
+            "the map has {} × {} texels, the run's rig {width} × {height}; name the rig that it was \
+             developed by with --rig or --set; a region's map cannot be compared",
             map.width, map.height
         );
         return Err(Error::input(message));
@@ -221,8 +223,8 @@ fn shot(
     Ok(Ok(Shot { geometry, pictures: Pictures { columns, pixels, relative_rms }, seen: by_texel }))
 }
 
-/// Radiance of a white pixel, divided by the lamp's: that of a perfect diffuser at the point, which on a cylinder faces the
-/// light, so that the cylinder's own shading is seen.
+/// Radiance of a white pixel, divided by the lamp's: that of a perfect diffuser at the point, which on a
+/// cylinder faces the light, so that the cylinder's own shading is seen.
 fn white(config: &RigConfig, geometry: &PoseGeometry, point: &SurfacePoint) -> f64 {
     let (toward, solid_angle) = reflectance::light_from(config, geometry, point.position_mm);
     let cosine = if config.carrier.cylinder_radius_mm.is_some() { 1.0 } else { toward.z.max(0.0) };
@@ -249,7 +251,8 @@ fn surroundings(config: &RigConfig, registration: &Registration) -> [Range<usize
     [range(|p| p.x, config.camera.width), range(|p| p.y, config.camera.height)]
 }
 
-/// The mosaic that the camera would see of the map, radiance for the nominal lamp, NaN beside the sample; and what each pixel sees.
+/// The mosaic that the camera would see of the map, radiance for the nominal lamp, NaN beside the sample; and
+/// what each pixel sees.
 fn render(
     config: &RigConfig,
     map: &SbrdfMap,
@@ -359,8 +362,9 @@ impl Pictures {
     }
 }
 
-/// Opens the run and compares. `rig` is another rig to compare by than the run's own, as when it was developed by one. `measured_in` is the
-/// run that the map was fitted from; without it that is the compared run itself, where the sample lies flat in it.
+/// Opens the run and compares. `rig` is another rig to compare by than the run's own, as when it was
+/// developed by one. `measured_in` is the run that the map was fitted from; without it that is the compared
+/// run itself, where the sample lies flat in it.
 ///
 /// # Errors
 /// As [`poses`] and [`Photographs::open`].
@@ -382,8 +386,8 @@ pub fn run(
     Ok((comparison, chart))
 }
 
-/// The cone of the poses of a run that a map was fitted from: without those that were not photographed, and those that the map says were
-/// skipped, not registered or held out.
+/// The cone of the poses of a run that a map was fitted from: without those that were not photographed, and
+/// those that the map says were skipped, not registered or held out.
 fn measured(run: &RunFolder, map: &SbrdfMap) -> Result<Cone> {
     let photographed = develop::photographed(run)?;
     let mut left_out = held_out::noted(map);

@@ -9,7 +9,8 @@ use crate::error::Result;
 use crate::page::numbers;
 use crate::reflectance::SbrdfMap;
 
-/// The chart of a comparison, with photograph, rendering and difference of the best, the median and the worst pose.
+/// The chart of a comparison, with photograph, rendering and difference of the best, the median and the worst
+/// pose.
 ///
 /// # Errors
 /// As [`super::poses`].
@@ -73,7 +74,8 @@ pub(super) fn chart(photographs: &Photographs, map: &SbrdfMap, comparison: &Comp
     let section = Section {
         title: "Photographs and renderings".into(),
         text: format!(
-            "The poses with the best, the median and the worst PSNR. A perfect diffuser {} is white; what is brighter is clipped.",
+            "The poses with the best, the median and the worst PSNR. A perfect diffuser {} is white; what is \
+             brighter is clipped.",
             if cylinder.is_some() { "that faces the light" } else { "under the same light" }
         ),
         pictures: shots,
@@ -81,7 +83,9 @@ pub(super) fn chart(photographs: &Photographs, map: &SbrdfMap, comparison: &Comp
     };
     let numbers = Section {
         title: "By pose".into(),
-        text: "Relative RMS is of the linear radiance over the mosaic's pixels on the sample; PSNR and ΔE are of the pictures as shown above.".into(),
+        text: "Relative RMS is of the linear radiance over the mosaic's pixels on the sample; PSNR and ΔE \
+             are of the pictures as shown above."
+            .into(),
         plots,
         tables,
         ..Section::default()
@@ -90,7 +94,8 @@ pub(super) fn chart(photographs: &Photographs, map: &SbrdfMap, comparison: &Comp
         name: "compare".into(),
         title: "Photographs against the fitted map".into(),
         lead: format!(
-            "Each pose was rendered from the fitted map with the rig's own camera and light, where the photograph's registration puts the sample{}.",
+            "Each pose was rendered from the fitted map with the rig's own camera and light, where the \
+             photograph's registration puts the sample{}.",
             cylinder
                 .map_or_else(String::new, |radius| format!(", bent over a cylinder of radius {radius} mm"))
         ),
@@ -102,14 +107,22 @@ pub(super) fn chart(photographs: &Photographs, map: &SbrdfMap, comparison: &Comp
 fn by_angle(comparison: &Comparison) -> Section {
     let found = &comparison.by_angle;
     let cone = match &comparison.cone {
-        None => "It is not known which poses the map was fitted from, so that inside and outside of what was measured are not told apart: --measured-in RUN names their run.".into(),
+        None => {
+            "It is not known which poses the map was fitted from, so that inside and outside of what was \
+             measured are not told apart: --measured-in RUN names their run."
+                .into()
+        }
         Some(cone) => {
             let inside = format!(
-                "Inside the measured cone a pose that the map was fitted from is within {}°, the spacing of its plan.",
+                "Inside the measured cone a pose that the map was fitted from is within {}°, the spacing of \
+                 its plan.",
                 numbers::significant(cone.spacing_deg(), 3)
             );
             match found.side(Side::Outside) {
-                None => format!("{inside} No photograph was taken outside, so that nothing is known of the map there."),
+                None => format!(
+                    "{inside} No photograph was taken outside, so that nothing is known of the \
+                     map there."
+                ),
                 Some(_) => format!("{inside} Outside, the map tells what nobody measured."),
             }
         }
@@ -117,7 +130,8 @@ fn by_angle(comparison: &Comparison) -> Section {
     Section {
         title: "Inside and outside the measured cone".into(),
         text: format!(
-            "‖rendered − photographed‖ / ‖photographed‖ of the reflectance over a texel’s pixels in all photographs, noise included, by the directions at the texel; percentiles over the texels. {cone}"
+            "‖rendered − photographed‖ / ‖photographed‖ of the reflectance over a texel’s pixels in all \
+             photographs, noise included, by the directions at the texel; percentiles over the texels. {cone}"
         ),
         tables: vec![found.table()],
         ..Section::default()

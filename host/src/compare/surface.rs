@@ -1,5 +1,5 @@
-//! The sample's surface under a pixel: the carrier's plane, or a cylinder that the sample is bent over, its axis along the
-//! sample's y and its two side edges on the carrier (rig.toml: `carrier.cylinder_radius_mm`).
+//! The sample's surface under a pixel: the carrier's plane, or a cylinder that the sample is bent over, its
+//! axis along the sample's y and its two side edges on the carrier (rig.toml: `carrier.cylinder_radius_mm`).
 
 use glam::{DVec2, DVec3};
 
@@ -34,13 +34,15 @@ impl SurfacePoint {
         }
     }
 
-    /// The point that a camera sees where its ray meets the carrier's plane in `plane_mm`; `None` beside the sample.
+    /// The point that a camera sees where its ray meets the carrier's plane in `plane_mm`; `None` beside the
+    /// sample.
     pub(super) fn seen(carrier: &Carrier, camera_mm: DVec3, plane_mm: DVec2) -> Option<Self> {
         let half = DVec2::new(carrier.sample_width_mm, carrier.sample_height_mm) / 2.0;
         let flat_mm = match carrier.cylinder_radius_mm {
             None => plane_mm,
             Some(radius) => {
-                // Across the axis, the ray is nearest to it in `foot`, and enters the circle half a chord earlier.
+                // Across the axis, the ray is nearest to it in `foot`, and enters the circle half a chord
+                // earlier.
                 let axis = DVec2::new(0.0, -radius * (half.x / radius).cos());
                 let (from, to) = (DVec2::new(camera_mm.x, camera_mm.z), DVec2::new(plane_mm.x, 0.0));
                 let along = (to - from).normalize();

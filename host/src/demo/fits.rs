@@ -39,7 +39,8 @@ pub struct FitOutcome {
 pub struct Fits {
     /// The fit of the whole sample.
     pub result: FitOutcome,
-    /// Each compared method, over [`Self::window`] alone; the result stands for the one that is fitted like it.
+    /// Each compared method, over [`Self::window`] alone; the result stands for the one that is fitted like
+    /// it.
     pub others: Vec<FitOutcome>,
     /// The texels over which methods are compared.
     pub window: Window,
@@ -74,7 +75,8 @@ impl FitOutcome {
         errors
     }
 
-    /// The report's figures: percentiles of the error over all texels, over those of each material, and by angle.
+    /// The report's figures: percentiles of the error over all texels, over those of each material, and by
+    /// angle.
     fn figures(&self) -> Vec<ErrorFigure> {
         let FitOptions { method, lobes, choose, separate_channels, .. } = self.options;
         let lobes = if choose { "auto".into() } else { serde_json::Value::from(lobes) };
@@ -110,7 +112,8 @@ impl Fits {
         self.others.iter().chain(std::iter::once(&self.result))
     }
 
-    /// The compared fits with what tables call them, in the order of `COMPARED`; last the result, where none of them is fitted like it.
+    /// The compared fits with what tables call them, in the order of `COMPARED`; last the result, where none
+    /// of them is fitted like it.
     pub fn compared(&self) -> Vec<(String, &FitOutcome)> {
         let found = |compared: &Compared| {
             let fit = self.all().find(|fit| is_like(&fit.options, compared))?;

@@ -1,5 +1,5 @@
-//! The demo: a simulated measurement through the same firmware, link and host code that a real rig uses, and its errors
-//! against the simulator's truth.
+//! The demo: a simulated measurement through the same firmware, link and host code that a real rig uses, and
+//! its errors against the simulator's truth.
 
 use std::path::{Path, PathBuf};
 
@@ -98,7 +98,8 @@ pub struct DemoOutcome {
 /// Runs the chain into `folder` and notes stages, errors and figures in `report`.
 ///
 /// # Errors
-/// When the settings ask for what cannot be fitted, the recipe is wrong, the folder holds a run already, or the disk refuses.
+/// When the settings ask for what cannot be fitted, the recipe is wrong, the folder holds a run already, or
+/// the disk refuses.
 pub fn run(folder: &Path, settings: &Settings, report: &mut Report) -> Result<DemoOutcome> {
     settings.check()?;
     let rig = settings.size.rig(settings.seed);

@@ -1,5 +1,5 @@
-//! The pictures of the demo: the fitted material on a cloth and a ball, by the reference and, where there is a GPU, by
-//! `lights`.
+//! The pictures of the demo: the fitted material on a cloth and a ball, by the reference and, where there is
+//! a GPU, by `lights`.
 
 use std::path::Path;
 use std::sync::Arc;
@@ -16,8 +16,9 @@ use crate::scene::{Background, Material, Scene, showcase};
 /// Repeats of the sample across the cloth and around the ball.
 const TILING: [Vec2; 2] = [Vec2::splat(2.0), Vec2::new(2.0, 1.0)];
 
-/// Renders `map` with `width` × `height` pixels and `samples` a pixel into `folder` (linear EXR and tone-mapped PNG) and notes stages and adapter; returns the pictures for the
-/// page and, when `lights` could not run, why.
+/// Renders `map` with `width` × `height` pixels and `samples` a pixel into `folder` (linear EXR and
+/// tone-mapped PNG) and notes stages and adapter; returns the pictures for the page and, when `lights` could
+/// not run, why.
 ///
 /// # Errors
 /// When a scene is refused or the disk refuses; a missing GPU is no error.

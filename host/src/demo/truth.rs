@@ -1,4 +1,5 @@
-//! Errors against the simulator's truth: of the fits, on direction pairs that were never posed, and of the registration.
+//! Errors against the simulator's truth: of the fits, on direction pairs that were never posed, and of the
+//! registration.
 
 use glam::{DVec2, Vec3};
 use lobelia_hil_sim::optics::{Material, OpticalBench, noise};
@@ -82,7 +83,8 @@ impl Judge {
         self.at(window).iter().map(|kind| kind.number).collect()
     }
 
-    /// Relative RMS error ‖f̂ − f‖ / ‖f‖ over the unposed pairs and the three channels, a texel of a map of a window.
+    /// Relative RMS error ‖f̂ − f‖ / ‖f‖ over the unposed pairs and the three channels, a texel of a map of a
+    /// window.
     pub fn errors(&self, map: &SbrdfMap, window: &Window) -> Vec<f32> {
         let error = |(texel, kind): (usize, &&Kind)| {
             let (mut off, mut all) = (0.0f64, 0.0f64);
@@ -103,8 +105,8 @@ impl Judge {
     }
 }
 
-/// RMS distance, in texels, between where a pose's registration puts points of the sample and where they really are,
-/// over a grid of 9 × 9 points.
+/// RMS distance, in texels, between where a pose's registration puts points of the sample and where they
+/// really are, over a grid of 9 × 9 points.
 pub fn registration_error_texels(
     config: &RigConfig,
     bench: &OpticalBench,

@@ -1,4 +1,5 @@
-//! What can be checked without a run: every figure is where the registry says, and every number that looks measured is in it.
+//! What can be checked without a run: every figure is where the registry says, and every number that looks
+//! measured is in it.
 
 use std::collections::BTreeMap;
 use std::fs;
@@ -60,7 +61,8 @@ pub(super) fn block_span(block: &Block, text: &str) -> Option<Range<usize>> {
     Some(start..end)
 }
 
-/// Tells in `faults` what the registry has twice, what looks measured and is not in it, and which exemptions are of nothing.
+/// Tells in `faults` what the registry has twice, what looks measured and is not in it, and which exemptions
+/// are of nothing.
 pub(super) fn cover(registry: &Registry, texts: &Texts, placed: &[Placed<'_>], faults: &mut Vec<String>) {
     for (name, text) in texts {
         let mut covered: Vec<Range<usize>> = Vec::new();

@@ -1,9 +1,11 @@
-//! Where a command's result is found: a path into JSON such as `errors/name=registration_rms/value` or a template for text; `sum(…)`,
-//! `mean(…)`, `min(…)`, `max(…)` or `count(…)` of several; of such `A + B`, `A − B`, `A ÷ B`, `A ∨ B` (the greater) and `A ∧ B` (the lesser).
+//! Where a command's result is found: a path into JSON such as `errors/name=registration_rms/value` or a
+//! template for text; `sum(…)`, `mean(…)`, `min(…)`, `max(…)` or `count(…)` of several; of such `A + B`, `A −
+//! B`, `A ÷ B`, `A ∨ B` (the greater) and `A ∧ B` (the lesser).
 //!
-//! A segment of a path is a member's name, an index, `*` for all of a list, or `name=value`, which keeps those of a list that have the
-//! value. A table of a chart (`columns` and `rows`) is a list of rows whose members are the columns. `~TEMPLATE` at the end reads a
-//! number in a text, and `\/` stands for `/` in a name.
+//! A segment of a path is a member's name, an index, `*` for all of a list, or `name=value`, which keeps
+//! those of a list that have the value. A table of a chart (`columns` and `rows`) is a list of rows whose
+//! members are the columns. `~TEMPLATE` at the end reads a number in a text, and `\/` stands for `/` in a
+//! name.
 
 use anyhow::{Context, Result, bail};
 use serde_json::Value;
@@ -174,7 +176,9 @@ mod tests {
                 { "name": "worst", "lobes": 2, "value": 4.0 },
             ],
             "stages": [{ "seconds": 1.5 }, { "seconds": 2.0 }],
-            "tables": [{ "columns": ["fit", "cost / bound", "both", "n = 3"], "rows": [["lm", 1.1, "0.4 / 0.7", 7], ["auto", 1.0, "0.3 / 0.2", 8]] }],
+            "tables": [{ "columns": ["fit", "cost / bound", "both", "n = 3"], "rows": [["lm", 1.1, "0.4 / \
+                 0.7", 7], ["auto", 1.0, "0.3 \
+                 / 0.2", 8]] }],
         }))
     }
 

@@ -1,4 +1,5 @@
-//! `cargo xtask figures`: the figures of the texts, measured again. `docs/figures.toml` says where each comes from.
+//! `cargo xtask figures`: the figures of the texts, measured again. `docs/figures.toml` says where each comes
+//! from.
 
 mod check;
 mod judge;

@@ -1,4 +1,5 @@
-//! Numbers as texts write them: with groups of three digits, true minus signs and powers, and written again with the same digits.
+//! Numbers as texts write them: with groups of three digits, true minus signs and powers, and written again
+//! with the same digits.
 
 use std::ops::Range;
 
@@ -78,7 +79,8 @@ fn power_at(text: &str, at: usize) -> (i32, usize) {
 }
 
 impl Number {
-    /// Another value written as this number is: with as many digits that count, two at least where it has decimals.
+    /// Another value written as this number is: with as many digits that count, two at least where it has
+    /// decimals.
     pub(super) fn written(&self, value: f64) -> String {
         let has_decimals = self.half_step < 0.5;
         let digits = if has_decimals { self.digits.max(2) } else { self.digits } as i32;

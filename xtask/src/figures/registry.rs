@@ -1,4 +1,5 @@
-//! `docs/figures.toml`: which command each figure of the texts comes from, where in its output it is, and how far it may move.
+//! `docs/figures.toml`: which command each figure of the texts comes from, where in its output it is, and how
+//! far it may move.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -45,8 +46,9 @@ pub(super) enum Class {
 pub(super) struct Recipe {
     /// How long it takes.
     pub(super) class: Class,
-    /// The shell's command lines, run in a folder of their own. `lobelia` is the program, `{repo}` the repository's root, `{data}` the folder of
-    /// measured data, `{python}` a Python with NumPy, zarr and OpenEXR, and `{NAME}` the folder of another command, which is run before.
+    /// The shell's command lines, run in a folder of their own. `lobelia` is the program, `{repo}` the
+    /// repository's root, `{data}` the folder of measured data, `{python}` a Python with NumPy, zarr and
+    /// OpenEXR, and `{NAME}` the folder of another command, which is run before.
     pub(super) run: Vec<String>,
     /// Files of the repository that are copied into the folder first.
     #[serde(default)]

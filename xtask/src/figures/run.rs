@@ -124,7 +124,8 @@ impl Runner<'_> {
                 std::env::var_os("LOBELIA_DATA").map_or(self.root.join("../shared/data"), PathBuf::from);
             if !data.is_dir() {
                 bail!(
-                    "it needs measured data, which are no part of the repository: name their folder in LOBELIA_DATA"
+                    "it needs measured data, which are no part of the repository: name their folder in \
+                     LOBELIA_DATA"
                 );
             }
             filled = filled.replace("{data}", &data.display().to_string());

@@ -1,5 +1,6 @@
-//! Which numbers of a text look measured: those with a unit of errors, sizes or times, those that share such a unit (`3, 9 and 12 %`), and those
-//! that stand alone in a table's cells. Code, heads of tables and sizes such as 48 × 48 are left out.
+//! Which numbers of a text look measured: those with a unit of errors, sizes or times, those that share such
+//! a unit (`3, 9 and 12 %`), and those that stand alone in a table's cells. Code, heads of tables and sizes
+//! such as 48 × 48 are left out.
 
 use std::ops::Range;
 
@@ -178,13 +179,15 @@ mod tests {
 
     #[test]
     fn numbers_with_a_unit_and_those_that_share_it_look_measured() {
-        let text = "In 3 runs 99, 95 and\n98.5 % of 1,600 texels (n = 30) took **0.8 s**, `lasting 5 s`, on 8 × 8 texels,\n12\n% [more](x-9%).";
+        let text = "In 3 runs 99, 95 and\n98.5 % of 1,600 texels (n = 30) took **0.8 s**, `lasting 5 s`, on \
+             8 × 8 texels,\n12\n% [more](x-9%).";
         assert_eq!(found(text), ["99", "95", "98.5", "1,600", "0.8", "12"]);
     }
 
     #[test]
     fn cells_of_nothing_but_numbers_look_measured_and_heads_and_code_do_not() {
-        let text = "| n | 10 s | 20 |\n|---|---|---|\n| 7 | 0.4 / 0.7 | GGX 3 |\n| b | 1.0 to 2.0 | **5** |\n\n```\nrun 5 s\n```\n";
+        let text = "| n | 10 s | 20 |\n|---|---|---|\n| 7 | 0.4 / 0.7 | GGX 3 |\n| b | 1.0 to 2.0 | **5** \
+             |\n\n```\nrun 5 s\n```\n";
         assert_eq!(found(text), ["0.4", "0.7", "1.0", "2.0", "5"]);
     }
 

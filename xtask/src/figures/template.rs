@@ -1,5 +1,5 @@
-//! Templates: pieces of text with `{}` for each number that is wanted, `{*}` for a number that may be any, and `{..}` for any words
-//! between. White space is as wide as it likes and may be a line's end.
+//! Templates: pieces of text with `{}` for each number that is wanted, `{*}` for a number that may be any,
+//! and `{..}` for any words between. White space is as wide as it likes and may be a line's end.
 
 use anyhow::{Result, bail};
 

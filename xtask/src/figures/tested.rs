@@ -1,12 +1,13 @@
-//! Tests that a command of the registry runs for what they print: libtest succeeds where a filter matches none of them, and the figures would
-//! be looked for in an empty output.
+//! Tests that a command of the registry runs for what they print: libtest succeeds where a filter matches
+//! none of them, and the figures would be looked for in an empty output.
 
 use std::fs;
 use std::path::Path;
 
 use super::registry::Registry;
 
-/// The filter of a command line in which `cargo test` runs and no test did, by its `stdout` and the file that it sends its output to.
+/// The filter of a command line in which `cargo test` runs and no test did, by its `stdout` and the file that
+/// it sends its output to.
 pub(super) fn none_ran(line: &str, stdout: &[u8], folder: &Path) -> Option<String> {
     let filter = filter(line)?;
     let files = line.split('>').skip(1).filter_map(|rest| rest.split_whitespace().next());
@@ -97,7 +98,8 @@ mod tests {
         fs::write(folder.path().join("a/target/c.rs"), "fn so_it_did() {}").unwrap();
         let faults = |filter: &str| {
             let text = format!(
-                "texts = [\"p.md\"]\nfigure = []\n[commands.t]\nclass = \"quick\"\nrun = [\"cargo test {filter} > o\"]\n"
+                "texts = [\"p.md\"]\nfigure = []\n[commands.t]\nclass = \"quick\"\nrun = [\"cargo test \
+                 {filter} > o\"]\n"
             );
             let mut faults = Vec::new();
             names(&Registry::parse(&text).unwrap(), folder.path(), &mut faults);

@@ -6,8 +6,9 @@ use std::process::{Child, Command, Stdio};
 
 use anyhow::{Context, Result, bail};
 
-/// Cycles of an instruction, meant over code that loads, stores, multiplies and branches from flash with its accelerator on:
-/// the Cortex-M4 needs 1 for most, 2 for a load, 2 to 4 for a taken branch, 2 to 12 for a division. Assumed, not measured.
+/// Cycles of an instruction, meant over code that loads, stores, multiplies and branches from flash with its
+/// accelerator on: the Cortex-M4 needs 1 for most, 2 for a load, 2 to 4 for a taken branch, 2 to 12 for a
+/// division. Assumed, not measured.
 const CYCLES_PER_INSTRUCTION: f64 = 1.5;
 /// Cycles of an interrupt's entry and exit.
 const CYCLES_PER_INTERRUPT: f64 = 24.0;

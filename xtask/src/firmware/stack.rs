@@ -1,7 +1,8 @@
 //! The worst stack of a program, from its machine code: what each function pushes, and whom it calls.
 //!
-//! The bound is the deepest path from the reset vector, plus an exception's frame and the deepest handler, twice: handlers have two
-//! priorities, of which the upper interrupts the lower. Calls through pointers can't be followed; their number is told.
+//! The bound is the deepest path from the reset vector, plus an exception's frame and the deepest handler,
+//! twice: handlers have two priorities, of which the upper interrupts the lower. Calls through pointers can't
+//! be followed; their number is told.
 
 use std::collections::{BTreeMap, BTreeSet, HashMap};
 
@@ -180,7 +181,8 @@ mod tests {
 
     #[test]
     fn instructions_that_move_the_stack_are_decoded() {
-        // push {r4, r7, lr}; sub sp, #16; push.w {r8-r11}; sub.w sp, sp, #1024; subw sp, sp, #1004; vpush {d8-d9}
+        // push {r4, r7, lr}; sub sp, #16; push.w {r8-r11}; sub.w sp, sp, #1024; subw sp, sp, #1004; vpush
+        // {d8-d9}
         assert_eq!(effect(0, 0xB590, 0), Effect::Push(12));
         assert_eq!(effect(0, 0xB084, 0), Effect::Push(16));
         assert_eq!(effect(0, 0xE92D, 0x0F00), Effect::Push(16));

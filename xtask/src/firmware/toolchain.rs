@@ -1,4 +1,5 @@
-//! A compiler for the boards: rustup's where it has `core` for the target, else Debian's with a `core` built from its source.
+//! A compiler for the boards: rustup's where it has `core` for the target, else Debian's with a `core` built
+//! from its source.
 
 use std::fs;
 use std::path::{Path, PathBuf};

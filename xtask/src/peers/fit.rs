@@ -1,4 +1,5 @@
-//! The fit of texels beside SciPy's `least_squares` and Ceres: the same samples, the same model, one core each.
+//! The fit of texels beside SciPy's `least_squares` and Ceres: the same samples, the same model, one core
+//! each.
 
 use std::path::Path;
 use std::process::Command;

@@ -1,4 +1,5 @@
-//! Parameters in the flash's last two pages. QEMU doesn't model the flash's controller: this is for the chip alone.
+//! Parameters in the flash's last two pages. QEMU doesn't model the flash's controller: this is for the chip
+//! alone.
 
 use lobelia_firmware::storage::Storage;
 
@@ -7,7 +8,8 @@ use crate::register::{self, flash};
 /// The first of the two pages, and a page's size.
 const FIRST: u32 = 254 * 1024;
 const PAGE: u32 = 1024;
-/// A word takes 50 µs to write and a page 20 ms to erase; the bus waits meanwhile, so it's seldom asked more than once.
+/// A word takes 50 µs to write and a page 20 ms to erase; the bus waits meanwhile, so it's seldom asked more
+/// than once.
 const PATIENCE: u32 = 5_000_000;
 
 /// The two pages.

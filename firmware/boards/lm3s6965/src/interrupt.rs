@@ -1,5 +1,6 @@
-//! The interrupts: the emergency stop and the watchdog, before which all others give way; UART 0 carries bytes between its FIFOs and
-//! the link's rings, timer 0 wakes the main loop, timer 1 makes the steps, SysTick counts periods of the clock.
+//! The interrupts: the emergency stop and the watchdog, before which all others give way; UART 0 carries
+//! bytes between its FIFOs and the link's rings, timer 0 wakes the main loop, timer 1 makes the steps,
+//! SysTick counts periods of the clock.
 
 use cortex_m::interrupt::InterruptNumber;
 use cortex_m::peripheral::scb::SystemHandler;

@@ -1,7 +1,8 @@
-//! The controller's board on an LM3S6965 (Cortex-M3 at 50 MHz): registers, pins, interrupts, what a crash does.
+//! The controller's board on an LM3S6965 (Cortex-M3 at 50 MHz): registers, pins, interrupts, what a crash
+//! does.
 //!
-//! QEMU models this chip whole (`-M lm3s6965evb`), so it is the one that the tests run. Its feature `qemu` puts the modelled
-//! rig of `lobelia_board_support::model` in place of home switches and photodiode.
+//! QEMU models this chip whole (`-M lm3s6965evb`), so it is the one that the tests run. Its feature `qemu`
+//! puts the modelled rig of `lobelia_board_support::model` in place of home switches and photodiode.
 #![no_std]
 
 #[path = "../../shared/crash.rs"]
@@ -97,8 +98,8 @@ pub fn set_up() -> Option<Peripherals<Lm3s6965>> {
 /// Half of what it can make with nothing else to do, over all axes.
 const MOST_STEPS_PER_S: u32 = 30_000;
 
-/// What the board has besides: the emergency stop's interrupt, the watchdog, memory for parameters, and the record of the last
-/// crash. To be called once.
+/// What the board has besides: the emergency stop's interrupt, the watchdog, memory for parameters, and the
+/// record of the last crash. To be called once.
 pub fn options() -> Options<Lm3s6965> {
     let watchdog = cortex_m::singleton!(: watchdog::Watchdog = watchdog::Watchdog);
     let reset = watchdog::take_reset();

@@ -107,7 +107,8 @@ pub(crate) fn safe_state() {
     register::pwm::ENABLE.write(0);
 }
 
-/// The emergency stop's interrupt: everything off at once, whatever the controller is about to write to the step pins.
+/// The emergency stop's interrupt: everything off at once, whatever the controller is about to write to the
+/// step pins.
 pub(crate) fn stop() {
     PORT_D.clear().write(1 << STOP);
     safe_state();

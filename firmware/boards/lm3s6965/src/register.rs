@@ -1,4 +1,5 @@
-//! The chip's registers, by their addresses in the LM3S6965 data sheet. All access to memory by address is here.
+//! The chip's registers, by their addresses in the LM3S6965 data sheet. All access to memory by address is
+//! here.
 
 /// A 32-bit register.
 #[derive(Debug, Clone, Copy)]
@@ -6,7 +7,8 @@ pub(crate) struct Register(usize);
 
 impl Register {
     pub(crate) fn read(self) -> u32 {
-        // SAFETY: `Register`s are made only in this module, of addresses of device registers; none has memory behind it.
+        // SAFETY: `Register`s are made only in this module, of addresses of device registers; none has memory
+        // behind it.
         unsafe { core::ptr::with_exposed_provenance::<u32>(self.0).read_volatile() }
     }
 
@@ -27,7 +29,8 @@ pub(crate) fn flash_word(address: u32) -> u32 {
     if address >= FLASH_BYTES || !address.is_multiple_of(4) {
         return u32::MAX;
     }
-    // SAFETY: an aligned address in the flash, whose bits are a number; it may change only while the controller writes.
+    // SAFETY: an aligned address in the flash, whose bits are a number; it may change only while the
+    // controller writes.
     unsafe { core::ptr::with_exposed_provenance::<u32>(address as usize).read_volatile() }
 }
 

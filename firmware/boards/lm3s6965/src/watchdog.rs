@@ -1,5 +1,5 @@
-//! The watchdog: its first period that ends unfed interrupts and is reported with the place where the program hangs, the second
-//! one resets the chip even if no interrupt can run.
+//! The watchdog: its first period that ends unfed interrupts and is reported with the place where the program
+//! hangs, the second one resets the chip even if no interrupt can run.
 
 use lobelia_board_support::crash::{CrashCause, CrashRecord};
 

@@ -1,4 +1,5 @@
-//! The brown-out level, in the option bytes: as delivered the chip runs on down to 1.8 V, where flash and pins do what they like.
+//! The brown-out level, in the option bytes: as delivered the chip runs on down to 1.8 V, where flash and
+//! pins do what they like.
 
 use lobelia_board_support::brown_out::{is_highest, with_highest};
 use lobelia_firmware::BrownOut;

@@ -1,4 +1,5 @@
-//! The wire to the TMC2209s on USART 3: the receiver hears what the sender says, through the resistor between them.
+//! The wire to the TMC2209s on USART 3: the receiver hears what the sender says, through the resistor between
+//! them.
 
 use lobelia_firmware::driver::DriverBus;
 use stm32f4xx_hal::pac;

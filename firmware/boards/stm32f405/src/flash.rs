@@ -8,7 +8,8 @@ const FIRST_SECTOR: u8 = 2;
 const FIRST_OFFSET: usize = 32 * 1024;
 const SECTOR: usize = 16 * 1024;
 
-/// The two sectors. The processor waits while one is erased (0.4 s, 0.8 s at most), since the program is in the same flash.
+/// The two sectors. The processor waits while one is erased (0.4 s, 0.8 s at most), since the program is in
+/// the same flash.
 pub(crate) struct FlashSlots(pub(crate) pac::FLASH);
 
 impl FlashSlots {

@@ -1,9 +1,10 @@
-//! The interrupts: the emergency stop, before which all others give way, and next to it the drivers' alarms; USART 2 carries bytes between its registers and the link's
-//! rings, TIM5 counts the time and makes the steps, SysTick ends the main loop's sleep.
+//! The interrupts: the emergency stop, before which all others give way, and next to it the drivers' alarms;
+//! USART 2 carries bytes between its registers and the link's rings, TIM5 counts the time and makes the
+//! steps, SysTick ends the main loop's sleep.
 //!
-//! There is one clock. A processor that waits for its flash misses SysTick's interrupts, but TIM5 counts on; so the controller's time is
-//! TIM5's. Only under emulation, where TIM5 does not count as the chip's does, it is SysTick's, whose interrupt then makes the steps
-//! too, every [`PERIOD_US`].
+//! There is one clock. A processor that waits for its flash misses SysTick's interrupts, but TIM5 counts on;
+//! so the controller's time is TIM5's. Only under emulation, where TIM5 does not count as the chip's does, it
+//! is SysTick's, whose interrupt then makes the steps too, every [`PERIOD_US`].
 
 use core::cell::RefCell;
 
@@ -22,7 +23,8 @@ use stm32f4xx_hal::serial::{Error, Rx, RxListen, Tx, TxListen};
 
 /// System clock, counts a µs. QEMU's SysTick counts at this rate whatever the clocks are set to.
 pub(crate) const TICKS_PER_US: u32 = 168;
-/// SysTick's interrupt comes this often, in µs, and ends the main loop's sleep. Where it makes the steps, they are late by as much.
+/// SysTick's interrupt comes this often, in µs, and ends the main loop's sleep. Where it makes the steps,
+/// they are late by as much.
 const PERIOD_US: u32 = if cfg!(feature = "qemu") { 50 } else { 1000 };
 /// SysTick's counter starts from this value.
 const CLOCK_RELOAD: u32 = Clock::<TICKS_PER_US, PERIOD_US>::RELOAD;
@@ -77,10 +79,11 @@ fn USART2() {
     });
 }
 
-/// Receives a byte if there is one and sends one if there is room. A byte for which the ring has no room is lost, and the
-/// frame with it: the host repeats it.
+/// Receives a byte if there is one and sends one if there is room. A byte for which the ring has no room is
+/// lost, and the frame with it: the host repeats it.
 fn carry((tx, rx): &mut Halves) {
-    // Read also where no byte has come: an overrun interrupts without one, and for ever until it is cleared by reading.
+    // Read also where no byte has come: an overrun interrupts without one, and for ever until it is cleared
+    // by reading.
     match rx.read() {
         Ok(byte) if RECEIVED.push(byte) => {}
         Ok(_) | Err(nb::Error::Other(Error::Overrun)) => crate::vitals::overrun(),
@@ -108,7 +111,8 @@ pub(crate) fn give_port(tx: Tx<pac::USART2>, mut rx: Rx<pac::USART2>) {
     critical_section::with(|section| PORT.borrow_ref_mut(section).replace((tx, rx)));
 }
 
-/// Puts the emergency stop, at 0, before all others, and alarms before the rest, so that their pulses are timed.
+/// Puts the emergency stop, at 0, before all others, and alarms before the rest, so that their pulses are
+/// timed.
 pub(crate) fn set_priorities(nvic: &mut NVIC, scb: &mut SCB) {
     const SOON: u8 = 0x40;
     const LATER: u8 = 0x80;
@@ -124,7 +128,8 @@ pub(crate) fn set_priorities(nvic: &mut NVIC, scb: &mut SCB) {
 /// Lets the emergency stop and the USART interrupt.
 pub fn start_interrupts() {
     for interrupt in [Interrupt::EXTI9_5, Interrupt::EXTI15_10, Interrupt::USART2, Interrupt::TIM5] {
-        // SAFETY: called once at the start; the port is behind a mutex, and no critical section relies on the mask.
+        // SAFETY: called once at the start; the port is behind a mutex, and no critical section relies on the
+        // mask.
         unsafe { NVIC::unmask(interrupt) };
     }
 }
@@ -175,8 +180,8 @@ fn TIM5() {
 /// In `SR`: the first comparator has matched.
 const STEPS_DUE: u32 = 1 << 1;
 
-/// What the steps' interrupt does: makes the steps that are due, and sets the timer for the next. `at` gives the time to take
-/// for now, from what the timer says in µs. Gives when it is to be called next.
+/// What the steps' interrupt does: makes the steps that are due, and sets the timer for the next. `at` gives
+/// the time to take for now, from what the timer says in µs. Gives when it is to be called next.
 #[inline(always)]
 pub fn serve_steps(at: impl Fn(u32) -> u32) -> Option<u32> {
     // SAFETY: once the timer is started only this touches it, and any comparison is allowed.
@@ -219,7 +224,8 @@ pub fn count_far() {
     systick.clear_current();
 }
 
-/// Rests until a time in µs or until a byte comes: awake for a millisecond at most, else asleep until the next interrupt.
+/// Rests until a time in µs or until a byte comes: awake for a millisecond at most, else asleep until the
+/// next interrupt.
 pub fn rest_until(time_us: u64) {
     while RECEIVED.is_empty() {
         let left = time_us.saturating_sub(now_us());

@@ -1,7 +1,9 @@
-//! The controller's board on an STM32F405 (Cortex-M4 at 168 MHz from an 8 MHz crystal). Pins and wiring are in the README.
+//! The controller's board on an STM32F405 (Cortex-M4 at 168 MHz from an 8 MHz crystal). Pins and wiring are
+//! in the README.
 //!
-//! With the feature `qemu` the binary runs on QEMU's `olimex-stm32-h405`: on the internal oscillator, and with the modelled rig of
-//! `lobelia_board_support::model` in place of home switches, lamp level and photodiode.
+//! With the feature `qemu` the binary runs on QEMU's `olimex-stm32-h405`: on the internal oscillator, and
+//! with the modelled rig of `lobelia_board_support::model` in place of home switches, lamp level and
+//! photodiode.
 #![no_std]
 
 #[cfg(not(feature = "qemu"))]

@@ -1,6 +1,8 @@
-//! The photodiode's amplifier on ADC1's input 0, PA0: read once, or by DMA again and again while the shutter is open.
+//! The photodiode's amplifier on ADC1's input 0, PA0: read once, or by DMA again and again while the shutter
+//! is open.
 //!
-//! A conversion takes 84 + 12 cycles of 21 MHz: 7 of them in 32 µs, 10.94 in a period of the lamp's dimmer, which they so meet at all its phases.
+//! A conversion takes 84 + 12 cycles of 21 MHz: 7 of them in 32 µs, 10.94 in a period of the lamp's dimmer,
+//! which they so meet at all its phases.
 
 use lobelia_board_support::meter::Meter;
 use lobelia_firmware::{AnalogInput, Readings};
@@ -81,7 +83,8 @@ impl AnalogInput for Photodiode {
         self.stop();
         self.meter = Meter::begin(duration_us);
         let stream = dma().st(STREAM);
-        // SAFETY: halfwords from the converter's register into the ring, round and round; the ring lives for ever.
+        // SAFETY: halfwords from the converter's register into the ring, round and round; the ring lives for
+        // ever.
         unsafe {
             dma().lifcr().write(|w| w.bits(FLAGS));
             stream.par().write(|w| w.bits(adc().dr().as_ptr() as u32));

@@ -1,4 +1,5 @@
-//! Pins as the controller sees them, their safe state, and what the emergency stop does to them. The README has the map.
+//! Pins as the controller sees them, their safe state, and what the emergency stop does to them. The README
+//! has the map.
 
 use core::convert::Infallible;
 use core::sync::atomic::{AtomicBool, AtomicU32, Ordering::Relaxed};
@@ -54,7 +55,8 @@ type Port = pac::gpioa::RegisterBlock;
 /// Ports A, B and C.
 fn port(number: usize) -> &'static Port {
     let ports: [*const Port; 3] = [pac::GPIOA::ptr(), pac::GPIOB::ptr().cast(), pac::GPIOC::ptr().cast()];
-    // SAFETY: `BSRR` is written whole and only changes the pins named; modes and pulls are changed with the interrupts off.
+    // SAFETY: `BSRR` is written whole and only changes the pins named; modes and pulls are changed with the
+    // interrupts off.
     unsafe { &*ports[number] }
 }
 
@@ -69,7 +71,8 @@ fn set_modes(number: usize, mask: u32, modes: u32) {
     port(number).moder().modify(|r, w| unsafe { w.bits(r.bits() & !mask | modes) });
 }
 
-/// An output; drivers' enable inputs are inverted. It is left an input, to be pulled off, until the wiring is known.
+/// An output; drivers' enable inputs are inverted. It is left an input, to be pulled off, until the wiring is
+/// known.
 #[derive(Debug)]
 pub struct OutputLine {
     port: usize,
@@ -134,8 +137,8 @@ impl StepPins for StepPort {
     }
 }
 
-/// An input: with a pull-up and a contact to ground that opens when the switch is met, so that a broken wire reads the same; or with
-/// a pull-down, for what may be left out.
+/// An input: with a pull-up and a contact to ground that opens when the switch is met, so that a broken wire
+/// reads the same; or with a pull-down, for what may be left out.
 #[derive(Debug)]
 pub struct InputLine(pub(crate) AnyPin<Input>);
 
@@ -153,7 +156,8 @@ impl InputPin for InputLine {
     }
 }
 
-/// Puts every output where nothing moves, burns or exposes, whoever owns the pins. Those that are inputs yet are so already.
+/// Puts every output where nothing moves, burns or exposes, whoever owns the pins. Those that are inputs yet
+/// are so already.
 pub(crate) fn safe_state() {
     for (number, bits) in SAFE.iter().enumerate() {
         write(number, bits.load(Relaxed));
@@ -183,7 +187,8 @@ pub(crate) fn alarm() {
 
 fn alarms(pending: u32) {
     for (axis, line) in ALARMS_AT.into_iter().enumerate().filter(|(_, line)| pending & 1 << line != 0) {
-        // SAFETY: writing a line's bit forgets its interrupt and does nothing else; reading the clock changes nothing.
+        // SAFETY: writing a line's bit forgets its interrupt and does nothing else; reading the clock changes
+        // nothing.
         let now_us = unsafe {
             (*pac::EXTI::ptr()).pr().write(|w| w.bits(1 << line));
             (*pac::TIM5::ptr()).cnt().read().bits()
@@ -202,8 +207,8 @@ fn stop() {
     EMERGENCY_STOP.trip();
 }
 
-/// Takes the step pins and the timers' pins back once the controller has seen the stop; it steps no axis then, its lamp is off and its
-/// shutter closed.
+/// Takes the step pins and the timers' pins back once the controller has seen the stop; it steps no axis
+/// then, its lamp is off and its shutter closed.
 pub fn after_poll() {
     if HELD.load(Relaxed) {
         cortex_m::interrupt::free(|_| {

@@ -1,4 +1,5 @@
-//! The shutter on TIM5's second comparator, PA1: opened and closed by the very counter that is the controller's clock, to the tick of 1 µs.
+//! The shutter on TIM5's second comparator, PA1: opened and closed by the very counter that is the
+//! controller's clock, to the tick of 1 µs.
 
 use cortex_m::interrupt::free;
 use lobelia_firmware::TimedShutter;
@@ -57,7 +58,8 @@ pub(crate) fn set_up(inverted: bool) {
 
 impl TimedShutter for ShutterTimer {
     fn open(&mut self, duration_us: u32) -> Option<u32> {
-        // For some µs nothing may come between: the shutter is closed by the second comparison, which has to be set in time. No axis moves.
+        // For some µs nothing may come between: the shutter is closed by the second comparison, which has to
+        // be set in time. No axis moves.
         free(|_| {
             let now = || timer().cnt().read().bits();
             let at_us = now().wrapping_add(LEAD_US);

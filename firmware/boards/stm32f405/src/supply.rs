@@ -1,5 +1,6 @@
-//! The processor's supply, by its internal reference: an injected conversion of ADC 1, which leaves the photodiode's settings alone. It would
-//! interrupt its conversions for 23 µs, so there is none while they run by themselves.
+//! The processor's supply, by its internal reference: an injected conversion of ADC 1, which leaves the
+//! photodiode's settings alone. It would interrupt its conversions for 23 µs, so there is none while they run
+//! by themselves.
 
 use core::sync::atomic::{AtomicU16, Ordering::Relaxed};
 

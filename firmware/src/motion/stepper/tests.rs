@@ -102,10 +102,10 @@ impl Motor {
 /// Times of steps are uncertain by so many µs: rounded up to whole ones, and off by the error of a burst.
 const UNCERTAIN_US: f64 = 1.2;
 
-/// Speed, acceleration and jerk from emitted step times alone. The n-th divided difference of positions over times, times n!,
-/// is a mean of the n-th derivative between the first and the last of the steps, whatever lies between; so it
-/// keeps the limit of that derivative, but for what times of whole µs make uncertain. Steps are compared over strides of
-/// 2, 8, 32 … so that this uncertainty doesn't hide the limits.
+/// Speed, acceleration and jerk from emitted step times alone. The n-th divided difference of positions over
+/// times, times n!, is a mean of the n-th derivative between the first and the last of the steps, whatever
+/// lies between; so it keeps the limit of that derivative, but for what times of whole µs make uncertain.
+/// Steps are compared over strides of 2, 8, 32 … so that this uncertainty doesn't hide the limits.
 fn assert_within_limits(times: &[u64], limits: Limits) {
     let seconds = |us: u64| us as f64 * 1e-6;
     for pair in times.windows(2) {
@@ -137,7 +137,8 @@ fn limits_speed(times: &[u64], stride: usize) -> f64 {
     part as f64 / (fastest.unwrap_or(1).max(1) as f64 * 1e-6)
 }
 
-/// The n-th derivative's mean over n + 1 steps `stride` apart, and how far the uncertainty of each time can shift it.
+/// The n-th derivative's mean over n + 1 steps `stride` apart, and how far the uncertainty of each time can
+/// shift it.
 fn derivative(at: &[f64], stride: f64, speed: f64) -> (f64, f64) {
     let order = at.len() - 1;
     let factorial = if order == 3 { 6.0 } else { 2.0 };
@@ -196,7 +197,8 @@ proptest! {
 
     #[test]
     fn step_times_follow_the_analytic_profile_within_a_microsecond_and_half_a_tick(
-        distance in prop_oneof![1..40i32, 40..6_000], up in any::<bool>(), limits in limits(), start in 0..1u64 << 40,
+        distance in prop_oneof![1..40i32, 40..6_000], up in any::<bool>(), limits in limits(),
+            start in 0..1u64 << 40,
     ) {
         let mut motor = Motor::new(start);
         motor.go(if up { distance } else { -distance }, limits);
@@ -229,7 +231,8 @@ proptest! {
     }
 
     #[test]
-    fn stretched_run_takes_the_time_asked_for(distance in 1..1u32 << 30, limits in limits(), more in 0..1u64 << 40) {
+    fn stretched_run_takes_the_time_asked_for(distance in 1..1u32 << 30, limits in limits(),
+        more in 0..1u64 << 40) {
         let times = Times::shortest(distance, limits);
         prop_assert_eq!(times.stretched(times.total() + more).total(), times.total() + more);
     }
@@ -258,7 +261,8 @@ proptest! {
     ) {
         let mut motor = Motor::new(0);
         motor.go(distance, limits);
-        let redirect_us = (Times::shortest(distance.unsigned_abs(), limits).total() as f64 / 256.0 * part) as u64;
+        let redirect_us = (Times::shortest(distance.unsigned_abs(),
+            limits).total() as f64 / 256.0 * part) as u64;
         let mut times = motor.run_while(|due| due <= redirect_us);
         motor.now_us = redirect_us;
         let target = motor.position() + ahead;
@@ -289,8 +293,8 @@ proptest! {
     }
 }
 
-/// Random moves, some of them stopped or redirected, from wherever the last one ended. Each ends exactly on its target, or
-/// where its steps were counted to.
+/// Random moves, some of them stopped or redirected, from wherever the last one ended. Each ends exactly on
+/// its target, or where its steps were counted to.
 fn sweep(steps_in_all: u64) {
     let mut state = 0x9e37_79b9_7f4a_7c15u64;
     let mut random = |below: u64| {

@@ -1,7 +1,7 @@
 //! Charts: plots and tables of what a method costs against how right it is, as HTML, SVG and JSON.
 //!
-//! Whoever measures fills a [`Chart`] with plots, tables, pictures and sentences; [`Chart::write`] makes one page of it, every plot
-//! also as an SVG file of its own, and every number once more as JSON.
+//! Whoever measures fills a [`Chart`] with plots, tables, pictures and sentences; [`Chart::write`] makes one
+//! page of it, every plot also as an SVG file of its own, and every number once more as JSON.
 
 use std::path::{Path, PathBuf};
 
@@ -50,7 +50,8 @@ pub struct Picture {
 }
 
 impl Chart {
-    /// Writes `NAME.html`, `NAME.json` and an SVG file a plot into a folder, which is created. Gives the page's path.
+    /// Writes `NAME.html`, `NAME.json` and an SVG file a plot into a folder, which is created. Gives the
+    /// page's path.
     ///
     /// # Errors
     /// When the folder or a file cannot be written.

@@ -45,7 +45,8 @@ pub fn colour_bar(map: ColourMap, scale: &Scale, unit: &str, most_ticks: usize) 
     let ticks: String = values.iter().zip(numbers::ticks(&values)).map(place).collect();
     let unit = if unit.is_empty() { String::new() } else { format!("<i>{}</i>", escape(unit)) };
     format!(
-        "<div class=\"bar\"><div class=\"ramp\" style=\"background:{}\"></div><div class=\"ticks\">{ticks}</div>{unit}</div>",
+        "<div class=\"bar\"><div class=\"ramp\" style=\"background:{}\"></div><div \
+         class=\"ticks\">{ticks}</div>{unit}</div>",
         map.css()
     )
 }

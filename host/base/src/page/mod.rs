@@ -1,4 +1,5 @@
-//! Pages: plots, tables and pictures as documents; and the style, numbers, scales, colour maps and pieces of HTML that they are made of.
+//! Pages: plots, tables and pictures as documents; and the style, numbers, scales, colour maps and pieces of
+//! HTML that they are made of.
 
 mod chart;
 pub mod colour_map;
@@ -18,7 +19,9 @@ const STYLE: &str = include_str!("style.css");
 /// A whole page that needs no other file and no network; `body` is HTML.
 pub fn document(title: &str, body: &str) -> String {
     format!(
-        "<!DOCTYPE html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n<meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\n<title>{}</title>\n<style>\n{STYLE}</style>\n</head>\n<body>\n{body}</body>\n</html>\n",
+        "<!DOCTYPE html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n\
+         <meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\n\
+         <title>{}</title>\n<style>\n{STYLE}</style>\n</head>\n<body>\n{body}</body>\n</html>\n",
         html::escape(title)
     )
 }

@@ -1,6 +1,7 @@
 //! Numbers for people: sensible digits, units, true minus signs.
 
-/// A value with this many significant digits; very small and very large ones as powers of ten, what is no number as a dash.
+/// A value with this many significant digits; very small and very large ones as powers of ten, what is no
+/// number as a dash.
 pub fn significant(value: f64, digits: usize) -> String {
     if !value.is_finite() {
         return "–".into();

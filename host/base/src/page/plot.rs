@@ -98,7 +98,10 @@ impl Plot {
 
     /// The drawing as a file of its own.
     pub(super) fn svg_file(&self) -> String {
-        let style = "<style>text{font:12px sans-serif;fill:#555}.middle{text-anchor:middle}.end{text-anchor:end}.grid{stroke:#ddd;fill:none}.axis{stroke:#777;fill:none}</style><rect width=\"100%\" height=\"100%\" fill=\"#fff\"/>";
+        let style = "<style>text{font:12px sans-serif;fill:#555}\
+                     .middle{text-anchor:middle}.end{text-anchor:end}\
+                     .grid{stroke:#ddd;fill:none}.axis{stroke:#777;fill:none}</style>\
+                     <rect width=\"100%\" height=\"100%\" fill=\"#fff\"/>";
         self.drawing(" xmlns=\"http://www.w3.org/2000/svg\"", style)
     }
 
@@ -113,7 +116,8 @@ impl Plot {
         let rows = self.series.len().div_ceil(LEGEND.1) as f64;
         let height = SIZE[1] - 60.0 + LEGEND.0 * rows;
         format!(
-            "<svg{attributes} role=\"img\" aria-label=\"{}\" viewBox=\"0 0 {} {height}\">{style}{}{series}{}</svg>",
+            "<svg{attributes} role=\"img\" aria-label=\"{}\" viewBox=\"0 0 {} \
+             {height}\">{style}{}{series}{}</svg>",
             html::escape(&self.title),
             SIZE[0],
             self.axes(&scales),
@@ -130,7 +134,8 @@ impl Plot {
             let at = left + width * x.place(*value);
             let _ = write!(
                 drawn,
-                "<path class=\"grid\" d=\"M{at:.1} {top}v{height}\"/><text class=\"middle\" x=\"{at:.1}\" y=\"{:.1}\">{text}</text>",
+                "<path class=\"grid\" d=\"M{at:.1} {top}v{height}\"/><text class=\"middle\" x=\"{at:.1}\" \
+                 y=\"{:.1}\">{text}</text>",
                 bottom + 17.0
             );
         }
@@ -139,13 +144,15 @@ impl Plot {
             let at = bottom - height * y.place(*value);
             let _ = write!(
                 drawn,
-                "<path class=\"grid\" d=\"M{left} {at:.1}h{width}\"/><text class=\"end\" x=\"{:.1}\" y=\"{:.1}\">{text}</text>",
+                "<path class=\"grid\" d=\"M{left} {at:.1}h{width}\"/><text class=\"end\" x=\"{:.1}\" \
+                 y=\"{:.1}\">{text}</text>",
                 left - 6.0,
                 at + 4.0
             );
         }
         format!(
-            "{drawn}<path class=\"axis\" d=\"M{left} {top}v{height}h{width}\"/><text class=\"middle\" x=\"{:.1}\" y=\"{:.1}\">{}</text><text x=\"4\" y=\"14\">{}</text>",
+            "{drawn}<path class=\"axis\" d=\"M{left} {top}v{height}h{width}\"/><text class=\"middle\" \
+             x=\"{:.1}\" y=\"{:.1}\">{}</text><text x=\"4\" y=\"14\">{}</text>",
             left + width / 2.0,
             bottom + 36.0,
             html::escape(&self.x.label),

@@ -1,8 +1,8 @@
-//! Blending of BRDFs (chapter 5): coefficients do not interpolate, reflectance does. The BRDFs are evaluated at pairs of
-//! directions, the values blended, and the blend fitted again.
+//! Blending of BRDFs (chapter 5): coefficients do not interpolate, reflectance does. The BRDFs are evaluated
+//! at pairs of directions, the values blended, and the blend fitted again.
 //!
-//! Where the blend is itself a sum of as few lobes as are asked for (equal shapes, one part alone), it is written down as
-//! that and nothing is fitted.
+//! Where the blend is itself a sum of as few lobes as are asked for (equal shapes, one part alone), it is
+//! written down as that and nothing is fitted.
 
 use glam::DVec3;
 use rayon::prelude::*;
@@ -20,15 +20,16 @@ pub const PAIRS: usize = 768;
 pub struct Blend {
     /// The BRDF.
     pub brdf: LobeBrdf,
-    /// RMS error against the blended reflectance over the RMS of that reflectance, weighted by cosθ_i cosθ_o; 0 where nothing
-    /// was fitted, NaN where reflectance is beyond single precision.
+    /// RMS error against the blended reflectance over the RMS of that reflectance, weighted by cosθ_i cosθ_o;
+    /// 0 where nothing was fitted, NaN where reflectance is beyond single precision.
     pub relative: f64,
 }
 
 /// A BRDF and its share of a blend.
 type Part<'a> = (f64, &'a LobeBrdf);
 
-/// The blend Σ w f / Σ w of BRDFs with weights ≥ 0, as a BRDF of at most `lobes` lobes. Black for no weight at all.
+/// The blend Σ w f / Σ w of BRDFs with weights ≥ 0, as a BRDF of at most `lobes` lobes. Black for no weight
+/// at all.
 pub fn blend(parts: &[(f32, &LobeBrdf)], lobes: usize, workspace: &mut Workspace) -> Blend {
     let whole: f64 = parts.iter().map(|&(weight, _)| f64::from(weight)).sum();
     let lit = parts.iter().filter(|(weight, _)| *weight > 0.0);
@@ -65,8 +66,8 @@ fn options(parts: &[Part<'_>], lobes: usize) -> FitOptions {
     FitOptions { lobes: lobes.min(fit::MOST_LOBES), isotropic, separate_channels, ..FitOptions::default() }
 }
 
-/// The blend as the sum of its parts' lobes, those of one shape together; none where these are too many or where the parts
-/// differ in β.
+/// The blend as the sum of its parts' lobes, those of one shape together; none where these are too many or
+/// where the parts differ in β.
 fn joined(parts: &[Part<'_>], most: usize) -> Option<LobeBrdf> {
     let mut rho_d = DVec3::ZERO;
     let mut lobes: Vec<(Lobe, DVec3)> = Vec::new();
@@ -131,7 +132,8 @@ mod tests {
 
     #[test]
     fn a_fitted_blend_meets_a_sum_that_as_many_lobes_can_express() {
-        // Three parts of which two have nearly one shape: two lobes nearly express them, and joining three is refused.
+        // Three parts of which two have nearly one shape: two lobes nearly express them, and joining three is
+        // refused.
         let parts = [shiny(0.05, 1.0, 80.0), shiny(0.2, 0.8, 6.0), shiny(0.1, 0.8, 6.1)];
         let parts: Vec<(f32, &LobeBrdf)> = parts.iter().map(|part| (1.0, part)).collect();
         let found = blend(&parts, 2, &mut Workspace::default());

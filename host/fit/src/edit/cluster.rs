@@ -1,8 +1,8 @@
 //! Clusters a map's texels into a palette of BRDFs (section 4.6) by k-means on reflectance.
 //!
-//! Texels are compared by the cube roots of their reflectance ([`Pairs::features`]). A palette's BRDF is the mean reflectance of
-//! its texels, fitted again; docs/edit.md says what that leaves of the demo's brocade, and what the texel nearest to the cluster's
-//! middle would leave in its place.
+//! Texels are compared by the cube roots of their reflectance ([`Pairs::features`]). A palette's BRDF is the
+//! mean reflectance of its texels, fitted again; docs/edit.md says what that leaves of the demo's brocade,
+//! and what the texel nearest to the cluster's middle would leave in its place.
 
 use rayon::prelude::*;
 
@@ -35,7 +35,8 @@ pub struct Clusters {
     pub count: Vec<usize>,
     /// Index into the palette, row by row.
     pub index: Vec<u8>,
-    /// ‖f̂ − f‖ / ‖f‖ over all texels and pairs of directions, weighted by cosθ_i cosθ_o; NaN beyond single precision.
+    /// ‖f̂ − f‖ / ‖f‖ over all texels and pairs of directions, weighted by cosθ_i cosθ_o; NaN beyond single
+    /// precision.
     pub relative: f64,
     /// The same with the texel nearest to each cluster's middle in place of the palette's BRDF.
     pub relative_of_texels: f64,
@@ -112,8 +113,8 @@ fn nearest(features: &[f32], centres: &[Vec<f32>]) -> (usize, f32) {
     distances.min_by(|a, b| a.1.total_cmp(&b.1)).unwrap_or((0, 0.0))
 }
 
-/// k-means++ (Arthur and Vassilvitskii 2007): each further centre is a texel drawn with a probability that goes with its squared
-/// distance from the centres so far. Ends early when every texel is a centre.
+/// k-means++ (Arthur and Vassilvitskii 2007): each further centre is a texel drawn with a probability that
+/// goes with its squared distance from the centres so far. Ends early when every texel is a centre.
 fn first_centres(texels: &[Vec<f32>], count: usize, seed: u64) -> Vec<Vec<f32>> {
     let mut random = Random::new(seed);
     let first = random.uniform(0.0, texels.len() as f64) as usize;
@@ -206,7 +207,8 @@ mod tests {
         let pairs = Pairs::over([&truth], 512);
         let off = pairs.distance(&clusters.palette[0], &truth) / pairs.distance(&truth, &LobeBrdf::default());
         assert!(off < 0.02 && clusters.relative < 0.05, "{off} {}", clusters.relative);
-        // One texel, 3 % off in each coefficient, stands less well for its cluster than the mean; here not twice as badly.
+        // One texel, 3 % off in each coefficient, stands less well for its cluster than the mean; here not
+        // twice as badly.
         let ratio = clusters.relative_of_texels / clusters.relative;
         assert!((1.0..2.0).contains(&ratio), "{ratio}");
         assert_eq!(cluster(&map, 3, 1).unwrap(), clusters);

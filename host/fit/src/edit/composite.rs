@@ -10,8 +10,8 @@ use lobelia_base::error::{Error, Result};
 use lobelia_base::progress;
 use lobelia_reflectance::{LobeBrdf, SbrdfMap};
 
-/// `base` where the mask is black, `over` where it is white, blended by reflectance in between; map, and the largest relative
-/// error of a blend, NaN where one could not be computed. The three have one size.
+/// `base` where the mask is black, `over` where it is white, blended by reflectance in between; map, and the
+/// largest relative error of a blend, NaN where one could not be computed. The three have one size.
 pub fn composite(base: &SbrdfMap, over: &SbrdfMap, mask: &Mask) -> (SbrdfMap, f64) {
     let lobes = base.lobes.len().max(over.lobes.len());
     let bar = progress::bar("blending", mask.share.len() as u64, "texels");
@@ -33,7 +33,8 @@ pub fn composite(base: &SbrdfMap, over: &SbrdfMap, mask: &Mask) -> (SbrdfMap, f6
     (map, blends.iter().fold(0.0, |most: f64, blend| if most.is_nan() { most } else { worst(most, blend) }))
 }
 
-/// Where the composite's material is, of maps of which one at least says it: a map that does not is everywhere.
+/// Where the composite's material is, of maps of which one at least says it: a map that does not is
+/// everywhere.
 fn alpha(base: &SbrdfMap, over: &SbrdfMap, mask: &Mask) -> Option<Vec<f32>> {
     let planes = [base, over].map(|map| map.extra.get(ALPHA));
     if planes.iter().all(Option::is_none) {

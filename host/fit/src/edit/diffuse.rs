@@ -1,5 +1,5 @@
-//! Replaces the diffuse channel by one sharp photograph of the same mean (section 4.6): a photograph straight from above has
-//! detail that hundreds of resampled poses have lost.
+//! Replaces the diffuse channel by one sharp photograph of the same mean (section 4.6): a photograph straight
+//! from above has detail that hundreds of resampled poses have lost.
 
 use std::f32::consts::PI;
 
@@ -10,17 +10,19 @@ use super::picture::Photo;
 use lobelia_base::error::{Error, Result};
 use lobelia_reflectance::{Rgb, SbrdfMap};
 
-/// The map with ρ_d from the photograph, scaled channel by channel so that the mean ρ_d stays. A photograph of k times the map's
-/// size in both directions gives a map of the photograph's size, each texel's lobes repeated k × k times.
+/// The map with ρ_d from the photograph, scaled channel by channel so that the mean ρ_d stays. A photograph
+/// of k times the map's size in both directions gives a map of the photograph's size, each texel's lobes
+/// repeated k × k times.
 ///
 /// # Errors
-/// Input errors: sizes that do not fit, or a channel without any light in the photograph that the map reflects.
+/// Input errors: sizes that do not fit, or a channel without any light in the photograph that the map
+/// reflects.
 pub fn replace(map: &SbrdfMap, photo: &Photo) -> Result<SbrdfMap> {
     let times = photo.width / map.width.max(1);
     if times == 0 || (photo.width, photo.height) != (times * map.width, times * map.height) {
         return Err(Error::input(format!(
-            "the photograph has {} × {} pixels, the map {} × {} texels: the photograph must be as large, or a whole number of \
-             times as large in both directions",
+            "the photograph has {} × {} pixels, the map {} × {} texels: the photograph must be as large, or \
+             a whole number of times as large in both directions",
             photo.width, photo.height, map.width, map.height
         )));
     }
@@ -41,7 +43,8 @@ pub fn replace(map: &SbrdfMap, photo: &Photo) -> Result<SbrdfMap> {
     Ok(replaced)
 }
 
-/// How many texels reflect more light than they receive by their diffuse channel alone, and the largest diffuse albedo.
+/// How many texels reflect more light than they receive by their diffuse channel alone, and the largest
+/// diffuse albedo.
 pub fn too_bright(map: &SbrdfMap) -> (usize, f32) {
     let albedos = map.rho_d.iter().map(|rho_d| PI * rho_d.max_element());
     (albedos.clone().filter(|albedo| *albedo > 1.0).count(), albedos.fold(0.0, f32::max))
@@ -79,7 +82,8 @@ mod tests {
         }
     }
 
-    /// One pixel of a highlight among eight; the mean stays, and so the texel gets nearly eight times the mean albedo.
+    /// One pixel of a highlight among eight; the mean stays, and so the texel gets nearly eight times the
+    /// mean albedo.
     #[test]
     fn texels_that_a_highlight_makes_brighter_than_their_light_are_counted() {
         let map = SbrdfMap::from_texels(

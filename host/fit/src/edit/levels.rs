@@ -1,5 +1,6 @@
-//! MIP levels of a map whose samples are not at hand: fitted to the reflectance averaged over a level's texels (chapter 5), or, to
-//! compare with, by averaging coefficients. [`lobelia_reflectance::mip`] says which texels a level's texel stands for.
+//! MIP levels of a map whose samples are not at hand: fitted to the reflectance averaged over a level's
+//! texels (chapter 5), or, to compare with, by averaging coefficients. [`lobelia_reflectance::mip`] says
+//! which texels a level's texel stands for.
 
 use glam::Vec3;
 use rayon::prelude::*;
@@ -23,7 +24,8 @@ pub fn evenly(texels: &[LobeBrdf]) -> Vec<(f32, &LobeBrdf)> {
     texels.iter().map(|brdf| (1.0 / texels.len() as f32, brdf)).collect()
 }
 
-/// A level fitted to the reflectance averaged over its texels, with as many lobes as the map has; `done` is told every texel.
+/// A level fitted to the reflectance averaged over its texels, with as many lobes as the map has; `done` is
+/// told every texel.
 fn fitted(map: &SbrdfMap, level: u32, done: impl Fn() + Sync) -> SbrdfMap {
     each(map, level, |texels, workspace| {
         let brdf = blend(&evenly(texels), map.lobes.len(), workspace).brdf;
@@ -52,7 +54,8 @@ fn each(map: &SbrdfMap, level: u32, of: impl Fn(&[LobeBrdf], &mut Workspace) -> 
     SbrdfMap::from_texels(width, height, &texels)
 }
 
-/// Coefficients averaged one by one, as filtering hardware does; a lobe that one side lacks has its shape from the other.
+/// Coefficients averaged one by one, as filtering hardware does; a lobe that one side lacks has its shape
+/// from the other.
 pub fn average(parts: &[(f32, &LobeBrdf)]) -> LobeBrdf {
     let lobes = parts.iter().map(|(_, brdf)| brdf.lobes.len()).max().unwrap_or(0);
     let mut mean = LobeBrdf::default();

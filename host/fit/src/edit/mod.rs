@@ -1,7 +1,7 @@
 //! Editing of SBRDF maps (section 4.6 of the spec): palettes, means, composites, diffuse photographs, tiles.
 //!
-//! BRDFs are compared and blended by their reflectance ([`pairs`], [`blend`]), never by their coefficients, which mean nothing
-//! one by one: lobes may stand in any order, and C and ρ_s share a scale.
+//! BRDFs are compared and blended by their reflectance ([`pairs`], [`blend`]), never by their coefficients,
+//! which mean nothing one by one: lobes may stand in any order, and C and ρ_s share a scale.
 
 pub mod blend;
 pub mod cluster;

@@ -1,9 +1,9 @@
 //! The pairs of directions at which BRDFs are compared and blended.
 //!
-//! The light's direction follows the cosine. The viewer's follows the cosine in one half of the pairs and one of the BRDFs' own
-//! lobes in the other, so that a narrow highlight is met as well. Weights make up for that choice (the balance heuristic):
-//! weighted means over the pairs are means over all pairs of directions with the weight cosθ_i cosθ_o. No chance is in it: the
-//! directions come from a low-discrepancy sequence.
+//! The light's direction follows the cosine. The viewer's follows the cosine in one half of the pairs and one
+//! of the BRDFs' own lobes in the other, so that a narrow highlight is met as well. Weights make up for that
+//! choice (the balance heuristic): weighted means over the pairs are means over all pairs of directions with
+//! the weight cosθ_i cosθ_o. No chance is in it: the directions come from a low-discrepancy sequence.
 
 use std::f32::consts::{PI, TAU};
 
@@ -63,14 +63,15 @@ impl Pairs {
         (squares.sum::<f64>() / 3.0).sqrt()
     }
 
-    /// Mean over all directions of light of the albedo that they see, a channel (the cosine-weighted mean reflectance times π).
+    /// Mean over all directions of light of the albedo that they see, a channel (the cosine-weighted mean
+    /// reflectance times π).
     pub fn albedo(&self, brdf: &LobeBrdf) -> Rgb {
         self.reflectance(brdf).into_iter().zip(&self.weights).map(|(f, &weight)| weight * f).sum::<Rgb>() * PI
     }
 
-    /// Cube roots of the reflectance at every pair and channel, times the root of the pair's weight. Squared differences sum to a
-    /// weighted mean over all directions on a scale like the eye's: on the linear one highlights would decide alone, and dark
-    /// colours that the eye tells apart would count as one.
+    /// Cube roots of the reflectance at every pair and channel, times the root of the pair's weight. Squared
+    /// differences sum to a weighted mean over all directions on a scale like the eye's: on the linear one
+    /// highlights would decide alone, and dark colours that the eye tells apart would count as one.
     pub fn features(&self, brdf: &LobeBrdf) -> Vec<f32> {
         let weighted = self.reflectance(brdf).into_iter().zip(&self.weights);
         weighted.flat_map(|(f, weight)| f.to_array().map(|f| f.cbrt() * weight.sqrt())).collect()

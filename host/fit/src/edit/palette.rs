@@ -1,8 +1,8 @@
-//! A palette of BRDFs as a TOML file to edit by hand, and the index image that says which texel takes which, to edit in a paint
-//! program.
+//! A palette of BRDFs as a TOML file to edit by hand, and the index image that says which texel takes which,
+//! to edit in a paint program.
 //!
-//! The index image is an indexed PNG. Each BRDF has a swatch, the colour by which it is known there: paint programs reorder a
-//! palette at will, so colours count and not places.
+//! The index image is an indexed PNG. Each BRDF has a swatch, the colour by which it is known there: paint
+//! programs reorder a palette at will, so colours count and not places.
 
 use std::fmt::Write as _;
 use std::path::Path;
@@ -80,8 +80,10 @@ pub fn to_toml(entries: &[Entry], notes: &[String]) -> String {
 
 const HEADING: &str = "\
 # A palette of BRDFs. Each texel of the index image has the colour of one swatch here and takes that BRDF.
-# rho_d and rho_s in 1/sr (R, G, B), beta_deg the direction of anisotropy, c the diagonal of C (x, y, z), n the exponent.
-# BRDFs may be changed, added (with a swatch of their own) and removed. Then: lobelia edit palette PALETTE.toml --index INDEX.png
+# rho_d and rho_s in 1/sr (R, G, B), beta_deg the direction of anisotropy, c the diagonal of \
+C (x, y, z), n the exponent.
+# BRDFs may be changed, added (with a swatch of their own) and removed. Then: \
+lobelia edit palette PALETTE.toml --index INDEX.png
 ";
 
 #[derive(Deserialize)]
@@ -140,8 +142,8 @@ pub fn parse_hex(text: &str) -> Option<[u8; 3]> {
     Some([r, g, b])
 }
 
-/// Writes the index image of a map that is cut out where `alpha` is 0: a PNG in true colour, as transparent as the map. Without
-/// `alpha` it is [`write_index`]'s.
+/// Writes the index image of a map that is cut out where `alpha` is 0: a PNG in true colour, as transparent
+/// as the map. Without `alpha` it is [`write_index`]'s.
 ///
 /// # Errors
 /// When the disk refuses.
@@ -203,7 +205,8 @@ pub fn apply(index: &Path, entries: &[Entry]) -> Result<SbrdfMap> {
                 continue;
             }
             return Err(Error::input(format!(
-                "{}: pixel ({}, {}) has the colour {}, which is no swatch of the palette; paint without smoothing, or add a BRDF",
+                "{}: pixel ({}, {}) has the colour {}, which is no swatch of the palette; paint without \
+                 smoothing, or add a BRDF",
                 index.display(),
                 k % width,
                 k / width,

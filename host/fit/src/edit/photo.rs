@@ -1,5 +1,6 @@
-//! Makes a map from one photograph (section 4.6, the recipe for cherry wood): the photograph is the diffuse channel, and over it
-//! lies one white lobe that grows toward grazing angles, sharp but for the darkest pixels, the wood's grain.
+//! Makes a map from one photograph (section 4.6, the recipe for cherry wood): the photograph is the diffuse
+//! channel, and over it lies one white lobe that grows toward grazing angles, sharp but for the darkest
+//! pixels, the wood's grain.
 
 use std::f32::consts::PI;
 
@@ -53,7 +54,8 @@ impl Recipe {
         let peak = self.specular * base.powf(self.n.max(self.n_dark) + 3.0 * self.n_sigma);
         if peak > MOST_PEAK {
             return Err(Error::input(format!(
-                "the lobe would be {peak:.1e} times as bright as white paper; give Cx, Cz or the exponent less"
+                "the lobe would be {peak:.1e} times as bright as white paper; give Cx, Cz or the exponent \
+                 less"
             )));
         }
         Ok(())
@@ -66,7 +68,8 @@ const MOST_PEAK: f64 = 1e4;
 /// The share of pixels that may be brighter than a perfect diffuser, as highlights are.
 const MOST_BRIGHT: f64 = 0.01;
 
-/// The map of a photograph, whose linear colour is the diffuse albedo; it is cut out where the photograph is transparent.
+/// The map of a photograph, whose linear colour is the diffuse albedo; it is cut out where the photograph is
+/// transparent.
 ///
 /// # Errors
 /// As [`Recipe::check`], and for a photograph in other units than albedos.
@@ -77,8 +80,8 @@ pub fn from_photo(photo: &Photo, recipe: &Recipe, seed: u64) -> Result<SbrdfMap>
     if count as f64 > MOST_BRIGHT * photo.pixels.len() as f64 {
         let most = photo.pixels.iter().map(|pixel| pixel.max_element()).fold(0.0, f32::max);
         return Err(Error::input(format!(
-            "{count} of {} pixels, up to {most:.3}, are brighter than 1, which stands for a perfect diffuser: the map would reflect \
-             more light than it receives; scale the photograph",
+            "{count} of {} pixels, up to {most:.3}, are brighter than 1, which stands for a perfect \
+             diffuser: the map would reflect more light than it receives; scale the photograph",
             photo.pixels.len()
         )));
     }

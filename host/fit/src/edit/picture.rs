@@ -22,12 +22,13 @@ pub struct Photo {
 }
 
 impl Photo {
-    /// Reads a PNG or JPEG, which is taken as sRGB and turned upright as its EXIF says, or an OpenEXR or a Radiance HDR, which are
-    /// linear. Negative values, which lossy compression and other primaries leave, are taken as 0.
+    /// Reads a PNG or JPEG, which is taken as sRGB and turned upright as its EXIF says, or an OpenEXR or a
+    /// Radiance HDR, which are linear. Negative values, which lossy compression and other primaries leave,
+    /// are taken as 0.
     ///
     /// # Errors
-    /// Input errors for a file that is missing or of another kind, has a colour profile other than sRGB's, or holds a value that is not
-    /// finite (which pixel is named).
+    /// Input errors for a file that is missing or of another kind, has a colour profile other than sRGB's, or
+    /// holds a value that is not finite (which pixel is named).
     pub fn read(path: &Path) -> Result<Self> {
         let mut photo = if path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("exr")) {
             let Picture { width, height, pixels } = Picture::read_exr(path)?;

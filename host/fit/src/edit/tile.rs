@@ -1,6 +1,7 @@
-//! Makes a map tileable (section 4.6). Its opposite borders are laid over each other, and a seam is cut through where they differ
-//! least: the minimum-error boundary cut of image quilting (Efros and Freeman 2001), with the difference taken of reflectance.
-//! Every texel of the result is one of the map, so nothing is blurred, averaged or fitted.
+//! Makes a map tileable (section 4.6). Its opposite borders are laid over each other, and a seam is cut
+//! through where they differ least: the minimum-error boundary cut of image quilting (Efros and
+//! Freeman 2001), with the difference taken of reflectance. Every texel of the result is one of the map, so
+//! nothing is blurred, averaged or fitted.
 
 use rayon::prelude::*;
 
@@ -18,8 +19,8 @@ const PAIRS: usize = 64;
 pub struct Tile {
     /// The map, smaller by the overlap in both directions.
     pub map: SbrdfMap,
-    /// How much the borders laid over each other differ, over the mean difference between neighbours of the map: all over the
-    /// overlap, and along the seams. Below about 1 a seam cannot be told from the pattern.
+    /// How much the borders laid over each other differ, over the mean difference between neighbours of the
+    /// map: all over the overlap, and along the seams. Below about 1 a seam cannot be told from the pattern.
     pub mismatch: [f64; 2],
 }
 
@@ -73,7 +74,8 @@ pub fn tile(map: &SbrdfMap, overlap: usize) -> Result<Tile> {
     Ok(Tile { map: gather(map, cut.width, cut.height, &cut.indices), mismatch })
 }
 
-/// Lays the right border over the left one and cuts; also the mean difference over the overlap and along the seam.
+/// Lays the right border over the left one and cuts; also the mean difference over the overlap and along the
+/// seam.
 fn cut(
     grid: &Grid,
     overlap: usize,
@@ -100,8 +102,8 @@ fn cut(
     (Grid { width, height, indices: (0..width * height).map(from).collect() }, [all, along])
 }
 
-/// The cheapest path through the rows of a table of `width` columns, at most one column aside from row to row; `cyclic` has the
-/// last row beside the first.
+/// The cheapest path through the rows of a table of `width` columns, at most one column aside from row to
+/// row; `cyclic` has the last row beside the first.
 fn seam(cost: &[f32], width: usize, cyclic: bool) -> Vec<usize> {
     if !cyclic {
         return path(cost, width, None).1;
@@ -111,7 +113,8 @@ fn seam(cost: &[f32], width: usize, cyclic: bool) -> Vec<usize> {
     best.map(|(_, path)| path).unwrap_or_default()
 }
 
-/// The cheapest path by dynamic programming and its cost; with `start` one that begins there and ends at most one column aside.
+/// The cheapest path by dynamic programming and its cost; with `start` one that begins there and ends at most
+/// one column aside.
 fn path(cost: &[f32], width: usize, start: Option<usize>) -> (f64, Vec<usize>) {
     let near = |x: usize| x.saturating_sub(1)..(x + 2).min(width);
     let mut sums: Vec<Vec<f64>> = Vec::with_capacity(cost.len() / width);
@@ -183,7 +186,8 @@ mod tests {
 
     #[test]
     fn the_seam_goes_where_both_borders_agree() {
-        // A slope from left to right with a dark thread in each border, at columns that come to lie on each other.
+        // A slope from left to right with a dark thread in each border, at columns that come to lie on each
+        // other.
         let pattern = |x: usize, _: usize| if x == 3 || x == 35 { 0.01 } else { 0.1 + 0.02 * x as f32 };
         let found = tile(&map(40, 20, pattern), 8).unwrap();
         // Left of the thread the right border goes on; the thread itself is in both.

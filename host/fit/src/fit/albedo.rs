@@ -1,8 +1,10 @@
-//! Colours once the shapes stand: ρ_d and every lobe's ρ_s a channel, non-negative, by least squares on the fit's own residual.
+//! Colours once the shapes stand: ρ_d and every lobe's ρ_s a channel, non-negative, by least squares on the
+//! fit's own residual.
 //!
-//! The source takes the mean ratio (4.10), one colour for all lobes, which is unstable where f̄ is near zero ([`mean_ratio`], for
-//! comparison). Here every lobe gets its colour. A residual that is not linear in f is linearised at the last solution and solved again, with halved
-//! steps where that would raise the cost (Gauss–Newton).
+//! The source takes the mean ratio (4.10), one colour for all lobes, which is unstable where f̄ is near zero
+//! ([`mean_ratio`], for comparison). Here every lobe gets its colour. A residual that is not linear in f is
+//! linearised at the last solution and solved again, with halved steps where that would raise the cost
+//! (Gauss–Newton).
 
 use super::linear;
 use super::model::{Model, Turned};
@@ -37,8 +39,9 @@ pub(crate) fn solve(
     x
 }
 
-/// The published colours (4.10): every lobe of the model, fitted to luminance, times the mean over the samples of (f − ρ_d) / f̄, with f̄ the
-/// lobes' sum. Takes ρ_d from `x`, as [`solve`] gives it, and replaces the rest; kept within the same bounds.
+/// The published colours (4.10): every lobe of the model, fitted to luminance, times the mean over the
+/// samples of (f − ρ_d) / f̄, with f̄ the lobes' sum. Takes ρ_d from `x`, as [`solve`] gives it, and replaces
+/// the rest; kept within the same bounds.
 pub(crate) fn mean_ratio(samples: &Samples, target: &Target, model: &Model, x: &mut [f64]) {
     let lobes = Model { diffuse: 0.0, ..model.clone() };
     let (mut sum, mut count) = (0.0, 0.0);

@@ -1,4 +1,5 @@
-//! Minima of functions of one variable: a bracket, looked for downhill from a start or all over a range, and Brent's method within it.
+//! Minima of functions of one variable: a bracket, looked for downhill from a start or all over a range, and
+//! Brent's method within it.
 
 /// Growth of the steps of the downhill search.
 const GROWTH: f64 = 1.618_033_988_749_895;
@@ -7,7 +8,8 @@ const GOLDEN: f64 = 0.381_966_011_250_105;
 /// Most steps of Brent's method.
 const STEPS: usize = 80;
 
-/// Three places of which the middle one is nowhere above the others; at an end of the range two of them are the same.
+/// Three places of which the middle one is nowhere above the others; at an end of the range two of them are
+/// the same.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Bracket {
     /// Left place.
@@ -20,8 +22,8 @@ pub(crate) struct Bracket {
     pub value: f64,
 }
 
-/// A bracket in the valley into which a first step from `start` leads: downhill with growing steps until the function rises again or the
-/// range ends.
+/// A bracket in the valley into which a first step from `start` leads: downhill with growing steps until the
+/// function rises again or the range ends.
 pub(crate) fn downhill(
     mut f: impl FnMut(f64) -> f64,
     start: f64,

@@ -1,9 +1,10 @@
 //! Fits sampled SBRDFs that are larger than memory, and fits them in parts on as many machines as there are.
 //!
-//! A store is read block by block ([`SampledStore::blocks`]); at any time as many blocks are in memory as twice the number of
-//! threads. Part i of n is a run of consecutive blocks. Its fit is a shard: an SBRDF map of one row with the part's texels in
-//! order of blocks, whose attributes say what it was made from and how. Texels are fitted one by one whatever is read with them,
-//! so the joined shards are the same, byte for byte, as one run.
+//! A store is read block by block ([`SampledStore::blocks`]); at any time as many blocks are in memory as
+//! twice the number of threads. Part i of n is a run of consecutive blocks. Its fit is a shard: an SBRDF map
+//! of one row with the part's texels in order of blocks, whose attributes say what it was made from and how.
+//! Texels are fitted one by one whatever is read with them, so the joined shards are the same, byte for byte,
+//! as one run.
 
 use std::ops::Range;
 use std::path::Path;
@@ -15,10 +16,10 @@ use super::{FitOptions, fit_window, has_samples};
 use lobelia_base::error::{Error, Result};
 use lobelia_base::hash::sha256;
 use lobelia_base::progress;
-use lobelia_reflectance::SbrdfMap;
 use lobelia_reflectance::mip;
 use lobelia_reflectance::sampled::{SampledSbrdf, SampledStore, Window};
 use lobelia_reflectance::warning::samples::Tally;
+use lobelia_reflectance::{MIRROR_SOLID_ANGLE, SbrdfMap};
 
 /// Part `index` (from 1) of `count`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -86,7 +87,8 @@ pub fn fit_level(store: &SampledStore, options: &FitOptions, level: u32) -> Resu
     fit_level_counted(store, options, level, None)
 }
 
-/// Fits all MIP levels of a store but the finest, one after another; each names the finest that it belongs to.
+/// Fits all MIP levels of a store but the finest, one after another; each names the finest that it belongs
+/// to.
 pub fn fit_levels(
     store: &SampledStore,
     options: &FitOptions,
@@ -120,7 +122,22 @@ fn fit_level_counted(
     if level > 0 {
         map.attributes.insert("mip.level".into(), level.to_string());
     }
+    tell_lamp(store, &mut map);
     Ok(map)
+}
+
+/// Adds the solid angle of the lamp to a map in which a mirror was met, where the store knows the lamp: the
+/// mean over its poses at the sample's centre.
+fn tell_lamp(store: &SampledStore, map: &mut SbrdfMap) {
+    let Some(aperture) = store.lamp_aperture_mm2.filter(|_| map.extra.contains_key("mirror.R")) else {
+        return;
+    };
+    let poses = store.poses.iter().filter(|pose| pose.weight > 0.0);
+    let angles: Vec<f64> = poses.map(|pose| aperture / pose.light_mm.length_squared()).collect();
+    let mean = angles.iter().sum::<f64>() / angles.len().max(1) as f64;
+    if mean > 0.0 {
+        map.attributes.insert(MIRROR_SOLID_ANGLE.into(), mean.to_string());
+    }
 }
 
 /// Fits a part of a store into a shard; its samples are counted.
@@ -150,8 +167,8 @@ pub fn fit_part(store: &SampledStore, options: &FitOptions, part: Part, tally: &
     Ok(shard)
 }
 
-/// Whether the shard at `path` is that of this part, these options and this store: then there is nothing left to do. Reads
-/// the part's samples, fits nothing.
+/// Whether the shard at `path` is that of this part, these options and this store: then there is nothing left
+/// to do. Reads the part's samples, fits nothing.
 ///
 /// # Errors
 /// Input errors when the file is no shard, or one of something else; the sentence says of what.
@@ -182,14 +199,16 @@ pub fn same_options(path: &Path, options: &FitOptions) -> Result<()> {
     if read_shard(path)?.attributes[OPTIONS] == options_text(options) {
         return Ok(());
     }
-    let message = "was fitted with other options or by another version; name those of the parts, so that all levels are fitted alike";
+    let message = "was fitted with other options or by another version; name those of the parts, so that all \
+         levels are fitted alike";
     Err(Error::input(format!("{}: this shard {message}", path.display())))
 }
 
 /// Joins all shards of a fit into its map. With a store, the shards are checked against its samples.
 ///
 /// # Errors
-/// Input errors that name the file that is no shard or does not belong to the others, or the shard that is missing.
+/// Input errors that name the file that is no shard or does not belong to the others, or the shard that is
+/// missing.
 pub fn merge(paths: &[impl AsRef<Path>], store: Option<&SampledStore>) -> Result<SbrdfMap> {
     let mut shards = Vec::with_capacity(paths.len());
     for path in paths {
@@ -210,7 +229,8 @@ pub fn merge(paths: &[impl AsRef<Path>], store: Option<&SampledStore>) -> Result
         if let Some(store) = store
             && !fits_samples(shard, store, part)?
         {
-            let message = "was fitted to other samples than the sampled SBRDF holds, or with other poses held out; fit it again, or give --hold-out-poses and --seed as for the parts";
+            let message = "was fitted to other samples than the sampled SBRDF holds, or with other poses \
+                 held out; fit it again, or give --hold-out-poses and --seed as for the parts";
             return Err(Error::input(format!("{}: shard {part} {message}", path.display())));
         }
     }
@@ -301,8 +321,9 @@ fn fits_samples(shard: &SbrdfMap, store: &SampledStore, part: Part) -> Result<bo
     Ok(shard.attributes[SAMPLES] == sha256(hashes.as_bytes()))
 }
 
-/// What tells the samples of a whole store from those of another one of the same size and poses: what the store says of them, and a hash of
-/// its first chunk, the middle one and the last, since one of all would have each part read all.
+/// What tells the samples of a whole store from those of another one of the same size and poses: what the
+/// store says of them, and a hash of its first chunk, the middle one and the last, since one of all would
+/// have each part read all.
 fn of_store(store: &SampledStore) -> Result<String> {
     let blocks = store.blocks();
     let mut places = vec![0, blocks.len() / 2, blocks.len().saturating_sub(1)];
@@ -324,7 +345,8 @@ fn hash(sampled: &SampledSbrdf) -> String {
     hash
 }
 
-/// Fits blocks, a few at a time, into a map of one row; and the hash of their samples, each block's by `hash`, which sees every block once.
+/// Fits blocks, a few at a time, into a map of one row; and the hash of their samples, each block's by
+/// `hash`, which sees every block once.
 fn fit_blocks(
     options: &FitOptions,
     blocks: &[Window],
@@ -366,8 +388,8 @@ pub(super) fn laid_out([width, height]: [usize; 2], blocks: &[Window], rows: &[&
     map
 }
 
-/// Sets the texels of `map` at `places` to those of `piece`, and takes its attributes. Lobes and planes that the map
-/// lacks are added, black elsewhere.
+/// Sets the texels of `map` at `places` to those of `piece`, and takes its attributes. Lobes and planes that
+/// the map lacks are added, black elsewhere.
 fn paste(map: &mut SbrdfMap, piece: &SbrdfMap, places: &[usize]) {
     fn scatter<T: Copy>(into: &mut [T], from: &[T], places: &[usize]) {
         places.iter().zip(from).for_each(|(&place, &value)| into[place] = value);

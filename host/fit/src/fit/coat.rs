@@ -1,4 +1,5 @@
-//! The microfacet term of a fit: values and derivatives of [`Microfacet`](lobelia_reflectance::Microfacet) for one wavelength.
+//! The microfacet term of a fit: values and derivatives of [`Microfacet`](lobelia_reflectance::Microfacet)
+//! for one wavelength.
 //!
 //! f = (f0 (1 − w) + f90 w) S(α), w = (1 − cosθ_d)⁵: linear in f0 and f90, so α alone is a shape.
 
@@ -39,7 +40,8 @@ fn cosines(samples: &Samples, k: usize) -> [f64; 3] {
     [both / cos_o, cos_o, samples.xx[k] + samples.yy[k] + both]
 }
 
-/// w, S = D G / (4 cosθ_i cosθ_o) and the derivative of its logarithm by ln α, for cosθ_i, cosθ_o and ω_i·ω_o.
+/// w, S = D G / (4 cosθ_i cosθ_o) and the derivative of its logarithm by ln α, for cosθ_i, cosθ_o and
+/// ω_i·ω_o.
 #[inline(always)]
 pub(crate) fn parts(alpha: f64, [cos_i, cos_o, dot]: [f64; 3]) -> (f64, f64, f64) {
     // |ω_i + ω_o|² and the half vector's squared cosine.

@@ -1,8 +1,10 @@
-//! No light is made, for fits that are no variable projection: directional albedo (see [`albedo`]) at most a limit at every incidence, in every channel.
+//! No light is made, for fits that are no variable projection: directional albedo (see [`albedo`]) at most a
+//! limit at every incidence, in every channel.
 //!
-//! A fit that breaks it is optimised again, shapes and colours together, by Levenberg–Marquardt on its own residual with penalties
-//! (√μ (ln a)₊ an incidence and channel, μ rising); what is left above the limit, some thousandths, is scaled away. It works alike for texels
-//! and tables and for any residual; derivatives are differences, since only fits that break the law come here.
+//! A fit that breaks it is optimised again, shapes and colours together, by Levenberg–Marquardt on its own
+//! residual with penalties (√μ (ln a)₊ an incidence and channel, μ rising); what is left above the limit,
+//! some thousandths, is scaled away. It works alike for texels and tables and for any residual; derivatives
+//! are differences, since only fits that break the law come here.
 
 use glam::DVec3;
 
@@ -30,8 +32,8 @@ const MOST_SCALED: f32 = 1e12;
 /// Step of differences.
 const STEP: f64 = 1e-5;
 
-/// The BRDF with no albedo above `limit`; none where it needs no change. `targets` has one entry for each of `channels`, which are those
-/// of the BRDF's colours that the samples are of.
+/// The BRDF with no albedo above `limit`; none where it needs no change. `targets` has one entry for each of
+/// `channels`, which are those of the BRDF's colours that the samples are of.
 pub fn conserve(
     brdf: &LobeBrdf,
     samples: &Samples,
@@ -166,8 +168,8 @@ impl Point {
     }
 }
 
-/// Residuals and penalties as functions of the unknowns: logarithms of ρ_d, ρ_s, n, f0, f90 and α (black colours of a lobe stay
-/// black), C as it is, and β.
+/// Residuals and penalties as functions of the unknowns: logarithms of ρ_d, ρ_s, n, f0, f90 and α (black
+/// colours of a lobe stay black), C as it is, and β.
 struct Problem<'a> {
     brdf: LobeBrdf,
     isotropic: bool,
@@ -280,7 +282,8 @@ impl<'a> Problem<'a> {
         self.targets.iter().map(of).sum()
     }
 
-    /// Residuals of all samples and channels, then `weight` times the logarithm of what the albedos exceed the goal by.
+    /// Residuals of all samples and channels, then `weight` times the logarithm of what the albedos exceed
+    /// the goal by.
     fn residuals(&self, x: &[f64], weight: f64) -> Vec<f64> {
         let (point, samples) = (self.point(x), self.samples);
         let turned = Turned::new(point.beta);

@@ -1,6 +1,8 @@
-//! The diffuse term as a low percentile of the samples (section 4 of the spec): not the minimum, below which noise dips.
+//! The diffuse term as a low percentile of the samples (section 4 of the spec): not the minimum, below which
+//! noise dips.
 
-/// The `percentile` (0..100) of the values, by linear interpolation between order statistics; 0 at least. Reorders `values`.
+/// The `percentile` (0..100) of the values, by linear interpolation between order statistics; 0 at least.
+/// Reorders `values`.
 pub(crate) fn percentile(values: &mut [f64], percentile: f64) -> f64 {
     if values.is_empty() {
         return 0.0;

@@ -6,7 +6,8 @@ use super::samples::Samples;
 /// Added before the logarithm of [`log_rms`], sr⁻¹: below it values count as equally dark.
 pub const LOG_FLOOR: f64 = 1e-3;
 
-/// RMS of ln(1e-3 + f̂ cosθ_o) − ln(1e-3 + f cosθ_o) over samples of (f̂, f, cosθ_o); negative measured values count as 0.
+/// RMS of ln(1e-3 + f̂ cosθ_o) − ln(1e-3 + f cosθ_o) over samples of (f̂, f, cosθ_o); negative measured
+/// values count as 0.
 pub fn log_rms(samples: impl Iterator<Item = (f64, f64, f64)>) -> f64 {
     let (mut sum, mut count) = (0.0, 0);
     for (fitted, measured, cos_o) in samples {
@@ -27,8 +28,8 @@ pub fn relative_l2(samples: impl Iterator<Item = (f64, f64, f64)>) -> f64 {
     if whole > 0.0 { (error / whole).sqrt() } else { 0.0 }
 }
 
-/// Sums over samples and channels of the squared residual and of the squared samples, sr⁻². `amplitudes` holds, for each of the
-/// `channels`, ρ_d and the lobes' amplitudes.
+/// Sums over samples and channels of the squared residual and of the squared samples, sr⁻². `amplitudes`
+/// holds, for each of the `channels`, ρ_d and the lobes' amplitudes.
 pub fn squares(samples: &Samples, model: &Model, channels: &[usize], amplitudes: &[Vec<f64>]) -> (f64, f64) {
     let turned = Turned::new(model.beta);
     let (mut error, mut whole) = (0.0, 0.0);

@@ -1,4 +1,5 @@
-//! What texels may be fitted with beyond lobes of one exponent about the surface's normal (sections 6 and 7 of the spec).
+//! What texels may be fitted with beyond lobes of one exponent about the surface's normal (sections 6 and 7
+//! of the spec).
 
 use super::separable::uncertainty::Sigma;
 use super::texel::TexelFit;
@@ -18,8 +19,8 @@ pub enum Microfacets {
     Choose,
 }
 
-/// What is fitted beside lobes. Where the number of lobes is a choice, so is each of these: a texel has it where left-out poses are
-/// predicted better with it, beyond doubt.
+/// What is fitted beside lobes. Where the number of lobes is a choice, so is each of these: a texel has it
+/// where left-out poses are predicted better with it, beyond doubt.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Extensions {
     /// A normal of the texel's own, which its lobes share.

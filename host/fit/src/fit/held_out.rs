@@ -1,7 +1,9 @@
-//! Poses that a fit of texels does not see, and its error there: of all errors the one that is on what was not fitted.
+//! Poses that a fit of texels does not see, and its error there: of all errors the one that is on what was
+//! not fitted.
 //!
-//! A pose that is held out weighs nothing, so that every way to fit (chunk by chunk, in parts, pooled, levels) leaves it out. Errors are told apart by how
-//! far a held-out pose is from the poses that were fitted, since a fit that interpolates between near ones says little of where none looked.
+//! A pose that is held out weighs nothing, so that every way to fit (chunk by chunk, in parts, pooled,
+//! levels) leaves it out. Errors are told apart by how far a held-out pose is from the poses that were
+//! fitted, since a fit that interpolates between near ones says little of where none looked.
 
 use std::collections::BTreeSet;
 use std::str::FromStr;
@@ -35,7 +37,9 @@ impl FromStr for Which {
 
     fn from_str(text: &str) -> std::result::Result<Self, String> {
         let wrong = || {
-            "must be a share such as 0.1, a number of poses such as 20, every:N or list:I,J,… (poses count from 0)".to_string()
+            "must be a share such as 0.1, a number of poses such as 20, every:N or list:I,J,… (poses count \
+             from 0)"
+                .to_string()
         };
         if let Some(step) = text.strip_prefix("every:") {
             let step = step.parse().ok().filter(|&step: &usize| step > 1);
@@ -56,7 +60,8 @@ impl FromStr for Which {
 /// The attribute of a map that lists the poses that it was not fitted to.
 const NOTE: &str = "fit.held_out_poses";
 
-/// The attribute of a map that lists the poses that weigh nothing in the samples: those that were skipped, not photographed or not registered.
+/// The attribute of a map that lists the poses that weigh nothing in the samples: those that were skipped,
+/// not photographed or not registered.
 const LEFT_OUT: &str = "fit.left_out_poses";
 
 /// The poses that a map says it was not fitted to, counted from 0.
@@ -65,7 +70,8 @@ pub fn noted(map: &SbrdfMap) -> Vec<usize> {
     lists.flat_map(|list| list.split(' ')).filter_map(|pose| pose.parse().ok()).collect()
 }
 
-/// What maps of these poses say of those without a weight: name and text of an attribute; none where all have one.
+/// What maps of these poses say of those without a weight: name and text of an attribute; none where all have
+/// one.
 pub fn left_out(poses: &[PoseGeometry]) -> Option<(String, String)> {
     let weightless = (0..poses.len()).filter(|&pose| poses[pose].weight <= 0.0);
     let list: Vec<String> = weightless.map(|pose| pose.to_string()).collect();
@@ -81,16 +87,18 @@ pub struct HeldOut {
     pub fitted: usize,
     /// Bi-angular distance of each to the nearest pose that is fitted, radians.
     pub distance: Vec<f64>,
-    /// The distance up to which a pose counts as near: the median, over all poses, of that to the nearest other one, radians.
+    /// The distance up to which a pose counts as near: the median, over all poses, of that to the nearest
+    /// other one, radians.
     pub near: f64,
 }
 
 impl HeldOut {
-    /// Chooses among the poses that have a weight, and takes the weight from those that are held out. For an isotropic fit pairs of directions that
-    /// differ by a turn about the normal are the same.
+    /// Chooses among the poses that have a weight, and takes the weight from those that are held out. For an
+    /// isotropic fit pairs of directions that differ by a turn about the normal are the same.
     ///
     /// # Errors
-    /// Input errors: a pose that is not there or has no weight, or fewer than two poses to fit or none to hold out.
+    /// Input errors: a pose that is not there or has no weight, or fewer than two poses to fit or none to
+    /// hold out.
     pub fn choose(poses: &mut [PoseGeometry], which: &Which, isotropic: bool, seed: u64) -> Result<Self> {
         let usable: Vec<usize> = (0..poses.len()).filter(|&pose| poses[pose].weight > 0.0).collect();
         let held = held(&usable, poses.len(), which, seed)?;
@@ -98,7 +106,8 @@ impl HeldOut {
             usable.iter().copied().filter(|pose| held.binary_search(pose).is_err()).collect();
         if held.is_empty() || fitted.len() < 2 {
             return Err(Error::input(format!(
-                "--hold-out-poses would hold out {} of {} poses; at least one has to be held out and two fitted",
+                "--hold-out-poses would hold out {} of {} poses; at least one has to be held out and two \
+                 fitted",
                 held.len(),
                 usable.len()
             )));
@@ -124,8 +133,9 @@ impl HeldOut {
         map.attributes.insert(NOTE.into(), list.join(" "));
     }
 
-    /// The error of a map on the samples of the held-out poses, read from the store chunk by chunk: of all of them, of the near and of the far ones.
-    /// Texels that the map has no coefficients for, since they had no samples or are of no region of a pooled fit, do not count.
+    /// The error of a map on the samples of the held-out poses, read from the store chunk by chunk: of all of
+    /// them, of the near and of the far ones. Texels that the map has no coefficients for, since they had no
+    /// samples or are of no region of a pooled fit, do not count.
     ///
     /// # Errors
     /// When a chunk cannot be read.
@@ -161,10 +171,12 @@ impl HeldOut {
     }
 }
 
-/// ‖f̂ − f‖ / ‖f‖ of a texel at all held-out poses, the near and the far ones; none without a sample that is not black.
+/// ‖f̂ − f‖ / ‖f‖ of a texel at all held-out poses, the near and the far ones; none without a sample that is
+/// not black.
 type TexelError = [Option<f64>; 3];
 
-/// The error of a map at the samples of a texel, which is number `index` of those that were read; none where the map has no coefficients for it.
+/// The error of a map at the samples of a texel, which is number `index` of those that were read; none where
+/// the map has no coefficients for it.
 fn texel_error(
     map: &SbrdfMap,
     texel: usize,

@@ -1,15 +1,18 @@
-//! The published line search for one lobe: Brent's method over n from n = 10; at each n the n-th root of the samples is linear in C
-//! (4.8), (4.9), and the residual of that linear system is the error. And a variant of it that stands noise better.
+//! The published line search for one lobe: Brent's method over n from n = 10; at each n the n-th root of the
+//! samples is linear in C (4.8), (4.9), and the residual of that linear system is the error. And a variant of
+//! it that stands noise better.
 //!
-//! The published error is not one of reflectance. It falls with the roots themselves, which below 1 sr⁻¹ shrink with n: with any noise its
-//! global minimum is the least n, and only the local search from n = 10 finds another, of sharp lobes none. And the root blows small noisy
-//! values up, so that n comes out too low (stability case G1). [`Variant::Published`] keeps all that, for comparison.
-//! [`Variant::Scaled`] divides the error by the roots' mean square, which no unit of reflectance changes, and searches all n. n then stands
-//! a hundred times the noise; C does not, since samples where the lobe is nothing have roots too.
+//! The published error is not one of reflectance. It falls with the roots themselves, which below 1 sr⁻¹
+//! shrink with n: with any noise its global minimum is the least n, and only the local search from n = 10
+//! finds another, of sharp lobes none. And the root blows small noisy values up, so that n comes out too low
+//! (stability case G1). [`Variant::Published`] keeps all that, for comparison. [`Variant::Scaled`] divides
+//! the error by the roots' mean square, which no unit of reflectance changes, and searches all n. n then
+//! stands a hundred times the noise; C does not, since samples where the lobe is nothing have roots too.
 //!
-//! ρ_d is taken off first. Without noise any percentile will do that lies within the share of the poses that see no lobe, since those
-//! samples are ρ_d; what the f32 of a sample cannot tell from ρ_d has no root and is left out. One addition: the base is linear in the four
-//! entries of a symmetric C turned about the normal, so the anisotropic search gets β from the same system.
+//! ρ_d is taken off first. Without noise any percentile will do that lies within the share of the poses that
+//! see no lobe, since those samples are ρ_d; what the f32 of a sample cannot tell from ρ_d has no root and is
+//! left out. One addition: the base is linear in the four entries of a symmetric C turned about the normal,
+//! so the anisotropic search gets β from the same system.
 
 use glam::DVec3;
 
@@ -35,10 +38,11 @@ const ROUNDING: f64 = 4.0 * f32::EPSILON as f64;
 /// Which line search.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Variant {
-    /// As published: the mean squared residual of the roots, Brent's method locally from n = 10. Samples below ρ_d have no root.
+    /// As published: the mean squared residual of the roots, Brent's method locally from n = 10. Samples
+    /// below ρ_d have no root.
     Published,
-    /// The residual over the roots' mean square, the global minimum. Samples below ρ_d count with the root of their magnitude: they are
-    /// the other half of the noise.
+    /// The residual over the roots' mean square, the global minimum. Samples below ρ_d count with the root of
+    /// their magnitude: they are the other half of the noise.
     Scaled,
 }
 
@@ -106,7 +110,8 @@ impl Roots<'_> {
     }
 }
 
-/// Fits one lobe to the target above a known ρ_d. Without a solution (too few samples above ρ_d) the model is diffuse.
+/// Fits one lobe to the target above a known ρ_d. Without a solution (too few samples above ρ_d) the model is
+/// diffuse.
 pub fn fit(samples: &Samples, target: &Target, diffuse: f64, freedom: Freedom, variant: Variant) -> Model {
     let mut model = Model { diffuse, ..Model::default() };
     let lit = |k: usize| {
@@ -169,7 +174,8 @@ mod tests {
         model.lobes.first().map_or(0.0, |lobe| lobe.n)
     }
 
-    /// Median of n and the share within 30 % of the truth over twenty sets of 456 poses without a ρ_d, with normal noise.
+    /// Median of n and the share within 30 % of the truth over twenty sets of 456 poses without a ρ_d, with
+    /// normal noise.
     fn with_noise(n: f64, noise: f64, variant: Variant) -> (f64, f64) {
         let truth = truth(Vec3::new(-1.0, -1.0, 1.0), n as f32, 0.0);
         let found = (0..20).map(|seed| {

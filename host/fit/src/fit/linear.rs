@@ -1,9 +1,10 @@
-//! Small dense systems: Cholesky for the normal equations and non-negative least squares by trying all sets of unknowns.
+//! Small dense systems: Cholesky for the normal equations and non-negative least squares by trying all sets
+//! of unknowns.
 //!
 //! The systems have 2 to about 14 unknowns and are solved some millions of times, in buffers of the caller.
 
-/// Solves A x = b for a symmetric positive definite matrix, given row by row, in place: `a` becomes its Cholesky factor and `b`
-/// the solution. False where the matrix is not positive definite.
+/// Solves A x = b for a symmetric positive definite matrix, given row by row, in place: `a` becomes its
+/// Cholesky factor and `b` the solution. False where the matrix is not positive definite.
 pub fn solve_spd(a: &mut [f64], b: &mut [f64]) -> bool {
     let regular = factor(a, b.len());
     if regular {
@@ -12,7 +13,8 @@ pub fn solve_spd(a: &mut [f64], b: &mut [f64]) -> bool {
     regular
 }
 
-/// Replaces the lower half of a symmetric matrix of `size` rows by its Cholesky factor; false where it is not positive definite.
+/// Replaces the lower half of a symmetric matrix of `size` rows by its Cholesky factor; false where it is not
+/// positive definite.
 pub fn factor(a: &mut [f64], size: usize) -> bool {
     for i in 0..size {
         for j in 0..=i {
@@ -44,7 +46,8 @@ pub fn substitute(a: &[f64], b: &mut [f64]) {
     }
 }
 
-/// Solves A x = b for any regular matrix, given row by row, in place, by elimination with row exchanges; false where it is singular.
+/// Solves A x = b for any regular matrix, given row by row, in place, by elimination with row exchanges;
+/// false where it is singular.
 pub fn solve(a: &mut [f64], b: &mut [f64]) -> bool {
     let size = b.len();
     let largest = a.iter().fold(0.0f64, |largest, x| largest.max(x.abs()));
@@ -73,7 +76,8 @@ pub fn solve(a: &mut [f64], b: &mut [f64]) -> bool {
     true
 }
 
-/// Eigenvectors of a symmetric matrix of `size` rows, as columns of `vectors`, by Jacobi's rotations; `a` keeps the eigenvalues on its diagonal.
+/// Eigenvectors of a symmetric matrix of `size` rows, as columns of `vectors`, by Jacobi's rotations; `a`
+/// keeps the eigenvalues on its diagonal.
 pub fn eigen(a: &mut [f64], vectors: &mut [f64], size: usize) {
     for (k, entry) in vectors.iter_mut().enumerate() {
         *entry = f64::from(u8::from(k % (size + 1) == 0));
@@ -115,8 +119,9 @@ pub fn eigen(a: &mut [f64], vectors: &mut [f64], size: usize) {
 /// Most unknowns of [`nnls`]: ρ_d, four lobes, f0 and f90.
 pub const MOST_UNKNOWNS: usize = 7;
 
-/// Minimises xᵀ G x − 2 hᵀ x over x ≥ 0 (non-negative least squares by its normal equations). Returns hᵀ x, the part of
-/// the squared data that is explained; `x` is 0 for unknowns at their bound. Up to [`MOST_UNKNOWNS`] unknowns.
+/// Minimises xᵀ G x − 2 hᵀ x over x ≥ 0 (non-negative least squares by its normal equations). Returns hᵀ x,
+/// the part of the squared data that is explained; `x` is 0 for unknowns at their bound. Up to
+/// [`MOST_UNKNOWNS`] unknowns.
 pub fn nnls(gram: &[f64], rhs: &[f64], x: &mut [f64]) -> f64 {
     let size = rhs.len();
     debug_assert!(size <= MOST_UNKNOWNS);
@@ -174,14 +179,18 @@ mod tests {
 
     proptest! {
         #[test]
-        fn any_regular_system_is_solved(entries in prop::collection::vec(-1f64..1.0, 16), x in prop::array::uniform4(-1f64..1.0)) {
+        fn any_regular_system_is_solved(
+            entries in prop::collection::vec(-1f64..1.0, 16),
+            x in prop::array::uniform4(-1f64..1.0),
+        ) {
             let mut b: [f64; 4] = std::array::from_fn(|i| (0..4).map(|j| entries[4 * i + j] * x[j]).sum());
             let mut a = entries.clone();
             if solve(&mut a, &mut b) {
                 for i in 0..4 {
                     let value: f64 = (0..4).map(|j| entries[4 * i + j] * b[j]).sum();
                     let expected: f64 = (0..4).map(|j| entries[4 * i + j] * x[j]).sum();
-                    prop_assert!((value - expected).abs() < 1e-8 * (1.0 + b.iter().fold(0.0f64, |m, b| m.max(b.abs()))));
+                    let largest = b.iter().fold(0.0f64, |m, b| m.max(b.abs()));
+                    prop_assert!((value - expected).abs() < 1e-8 * (1.0 + largest));
                 }
             }
         }
@@ -197,7 +206,9 @@ mod tests {
             eigen(&mut a, &mut v, SIZE);
             for i in 0..SIZE {
                 for j in 0..SIZE {
-                    let along = |row: &dyn Fn(usize) -> f64| (0..SIZE).map(|k| row(k) * v[k * SIZE + j]).sum::<f64>();
+                    let along = |row: &dyn Fn(usize) -> f64| -> f64 {
+                        (0..SIZE).map(|k| row(k) * v[k * SIZE + j]).sum()
+                    };
                     let product = along(&|k| entry(i, k));
                     prop_assert!((product - a[j * (SIZE + 1)] * v[i * SIZE + j]).abs() < 1e-9);
                     let dot = along(&|k| v[k * SIZE + i]);
@@ -226,7 +237,8 @@ mod tests {
             for i in 0..4 {
                 let gradient = (0..4).map(|j| gram[4 * i + j] * x[j]).sum::<f64>() - rhs[i];
                 prop_assert!(x[i] >= 0.0);
-                prop_assert!(if x[i] > 0.0 { gradient.abs() < 1e-6 } else { gradient > -1e-6 }, "{i} {gradient} {x:?}");
+                prop_assert!(if x[i] > 0.0 { gradient.abs() < 1e-6 } else { gradient > -1e-6 }, "{i} \
+                     {gradient} {x:?}");
             }
         }
     }

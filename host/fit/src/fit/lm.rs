@@ -1,10 +1,11 @@
 //! Levenberg–Marquardt over the diffuse term and any number of lobes, with an analytic Jacobian.
 //!
-//! Unknowns: ρ_d, and for every lobe its amplitude A, ln n and the direction of C (one angle when isotropic, two tangent
-//! coordinates else, updated on the unit sphere), of one that sharpens ln n₀; β when anisotropic; f0, f90 and ln α of a microfacet term last. Amplitudes and ρ_d stay ≥ 0, amplitudes
-//! below [`MOST_OVER_SEEN`](super::samples::MOST_OVER_SEEN) times the largest value: an unknown at its
-//! bound with the gradient pushing outward is frozen for that step. Damping is Marquardt's (the diagonal scaled by 1 + λ),
-//! λ by Nielsen's rule (1999).
+//! Unknowns: ρ_d, and for every lobe its amplitude A, ln n and the direction of C (one angle when isotropic,
+//! two tangent coordinates else, updated on the unit sphere), of one that sharpens ln n₀; β when anisotropic;
+//! f0, f90 and ln α of a microfacet term last. Amplitudes and ρ_d stay ≥ 0, amplitudes below
+//! [`MOST_OVER_SEEN`](super::samples::MOST_OVER_SEEN) times the largest value: an unknown at its bound with
+//! the gradient pushing outward is frozen for that step. Damping is Marquardt's (the diagonal scaled by 1 +
+//! λ), λ by Nielsen's rule (1999).
 
 use glam::DVec3;
 
@@ -336,7 +337,8 @@ impl Optimiser {
         solve_spd(&mut self.damped, &mut self.step)
     }
 
-    /// Refers every lobe to the largest base within the cone; the values stay unless an amplitude passes its bound.
+    /// Refers every lobe to the largest base within the cone; the values stay unless an amplitude passes its
+    /// bound.
     fn refer(model: &mut Model, samples: &Samples, most: f64) {
         for lobe in &mut model.lobes {
             *lobe = lobe.referred(samples);

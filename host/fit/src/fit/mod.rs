@@ -1,9 +1,12 @@
 //! Fits lobes (4.1)–(4.4) to sampled reflectance: texel by texel into an SBRDF map, or to one measured table.
 //!
-//! Five methods. [`Method::Separable`]: variable projection with the albedos of all channels in closed form ([`separable`]), for residuals
-//! that are linear in f. [`Method::Lm`]: shapes by Levenberg–Marquardt on luminance ([`lm`]) from a deterministic search for the start ([`start`]),
-//! then the colours by non-negative least squares (`albedo`); any number of lobes up to [`MOST_LOBES`]. [`Method::Ratio`]: the same with the published colours (4.10). [`Method::LineSearch`]: the
-//! published search over n for one lobe ([`line_search`]), above a percentile for ρ_d (`diffuse`); [`Method::LineSearchScaled`]: a variant of it that stands noise better.
+//! Five methods. [`Method::Separable`]: variable projection with the albedos of all channels in closed form
+//! ([`separable`]), for residuals that are linear in f. [`Method::Lm`]: shapes by Levenberg–Marquardt on
+//! luminance ([`lm`]) from a deterministic search for the start ([`start`]), then the colours by non-negative
+//! least squares (`albedo`); any number of lobes up to [`MOST_LOBES`]. [`Method::Ratio`]: the same with the
+//! published colours (4.10). [`Method::LineSearch`]: the published search over n for one lobe
+//! ([`line_search`]), above a percentile for ρ_d (`diffuse`); [`Method::LineSearchScaled`]: a variant of it
+//! that stands noise better.
 //!
 //! [`pool`] fits one BRDF to all texels of a region; [`held_out`] tells errors on poses that were not fitted.
 
@@ -49,9 +52,16 @@ use lobelia_reflectance::sampled::SampledSbrdf;
 use texel::{TexelFit, Workspace};
 use weights::Weights;
 
-/// Fits every texel in parallel. Beside the coefficients the map has the planes `error.rms` (sr⁻¹), `error.relative` and
-/// `samples` (valid ones a texel), where any does not tell all of its shapes' coefficients `tied` ([`separable::prior`]: how many were not), where lobes are chosen and a mirror was met `mirror.R`, `.G`, `.B` and `mirror.poses` ([`separable::mirror`]), and after the separable fit a standard deviation a coefficient, `sigma.rho_d.R` and so on. Where the number of lobes is a choice, `lobes` has it and `lobes.doubtful` marks texels in which another would predict left-out poses almost as well. Where samples weigh by their standard deviations, `error.over_noise` is the residual's RMS over that of the noise. Unless albedos are free, `bounded` marks the texels
-/// that were changed so that they make no light and `error.bound_price` says by how much `error.relative` rose for it. The result is the same byte for byte whatever the number of threads.
+/// Fits every texel in parallel. Beside the coefficients the map has the planes `error.rms` (sr⁻¹),
+/// `error.relative` and `samples` (valid ones a texel), where any does not tell all of its shapes'
+/// coefficients `tied` ([`separable::prior`]: how many were not), where lobes are chosen and a mirror was met
+/// `mirror.R`, `.G`, `.B` and `mirror.poses` ([`separable::mirror`]), and after the separable fit a standard
+/// deviation a coefficient, `sigma.rho_d.R` and so on. Where the number of lobes is a choice, `lobes` has it
+/// and `lobes.doubtful` marks texels in which another would predict left-out poses almost as well. Where
+/// samples weigh by their standard deviations, `error.over_noise` is the residual's RMS over that of the
+/// noise. Unless albedos are free, `bounded` marks the texels that were changed so that they make no light
+/// and `error.bound_price` says by how much `error.relative` rose for it. The result is the same byte for
+/// byte whatever the number of threads.
 ///
 /// # Errors
 /// Input errors: options that no method can do, or not one valid sample in any texel.
@@ -76,7 +86,8 @@ fn no_sigma() -> Error {
     Error::input("the sampled SBRDF has no standard deviations to weigh by (array sigma); use --weights pose")
 }
 
-/// As [`fit_sbrdf`] with options that are checked, for a window that may be without any sample; `done` is called a texel.
+/// As [`fit_sbrdf`] with options that are checked, for a window that may be without any sample; `done` is
+/// called a texel.
 fn fit_window(sampled: &SampledSbrdf, options: &FitOptions, done: impl Fn() + Sync) -> Result<SbrdfMap> {
     if options.weights == Weights::Sigma && sampled.sigma.is_none() {
         return Err(no_sigma());

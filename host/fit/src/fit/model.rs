@@ -1,8 +1,9 @@
-//! The model f = ρ_d + Σ A_j (b_j / r_j)ⁿ (4.1), (4.2) of one value, and a microfacet term where one is fitted, in the form that the optimiser likes.
+//! The model f = ρ_d + Σ A_j (b_j / r_j)ⁿ (4.1), (4.2) of one value, and a microfacet term where one is
+//! fitted, in the form that the optimiser likes.
 //!
-//! C and ρ_s share a scale. Here C has length 1 and the amplitude A is the lobe's value where its base b equals the reference
-//! r, which is kept at the largest base within the cone of the samples: A is then the peak reflectance there, hardly correlated
-//! with n, and powers do not overflow whatever n is.
+//! C and ρ_s share a scale. Here C has length 1 and the amplitude A is the lobe's value where its base b
+//! equals the reference r, which is kept at the largest base within the cone of the samples: A is then the
+//! peak reflectance there, hardly correlated with n, and powers do not overflow whatever n is.
 
 use glam::{DVec2, DVec3};
 
@@ -27,7 +28,8 @@ pub struct ModelLobe {
     pub n: f64,
     /// Base at which the shape is 1.
     pub reference: f64,
-    /// Exponent toward grazing, where the lobe sharpens (6.19); the length of C is then what the reference makes it.
+    /// Exponent toward grazing, where the lobe sharpens (6.19); the length of C is then what the reference
+    /// makes it.
     pub n_grazing: Option<f64>,
 }
 
@@ -46,8 +48,8 @@ pub struct Model {
     pub coat: Option<Coat>,
 }
 
-/// The products of a sample in the lobes' frame: ω_ix ω_ox and ω_iy ω_oy there, and the derivative of the first by β
-/// (that of the second is its negative).
+/// The products of a sample in the lobes' frame: ω_ix ω_ox and ω_iy ω_oy there, and the derivative of the
+/// first by β (that of the second is its negative).
 pub(super) struct Turned {
     cos2: f64,
     sin2: f64,
@@ -74,7 +76,8 @@ impl Turned {
 }
 
 impl ModelLobe {
-    /// A lobe of amplitude 1 with its reference at the largest base within the cone of the samples; none if it is not positive.
+    /// A lobe of amplitude 1 with its reference at the largest base within the cone of the samples; none if
+    /// it is not positive.
     pub fn over(samples: &Samples, c: DVec3, n: f64) -> Option<Self> {
         let lobe = Self::unit(c, n).within(samples.cone());
         (lobe.reference > LEAST_REFERENCE).then_some(lobe)
@@ -85,12 +88,14 @@ impl ModelLobe {
         Self { amplitude: 1.0, c: c.normalize(), n, reference: 1.0, n_grazing: None }
     }
 
-    /// The same shape with the largest base within a cone as its reference, or [`LEAST_REFERENCE`] where that is less.
+    /// The same shape with the largest base within a cone as its reference, or [`LEAST_REFERENCE`] where that
+    /// is less.
     pub fn within(&self, cone: [f64; 2]) -> Self {
         Self { reference: largest_base(self.c, cone).max(LEAST_REFERENCE), ..*self }
     }
 
-    /// The largest value that the lobe takes anywhere above the surface, over that within the cone of its reference; 1 or more.
+    /// The largest value that the lobe takes anywhere above the surface, over that within the cone of its
+    /// reference; 1 or more.
     pub fn growth(&self) -> f64 {
         let longest = self.c.z.max(self.c.x.abs()).max(self.c.y.abs());
         let n = self.n.max(self.n_grazing.unwrap_or(0.0));
@@ -116,7 +121,8 @@ impl ModelLobe {
         (moved(1e-5) - moved(-1e-5)) / 2e-5
     }
 
-    /// The same lobe referred to the largest base within the cone of the samples; one that sharpens changes with its reference.
+    /// The same lobe referred to the largest base within the cone of the samples; one that sharpens changes
+    /// with its reference.
     pub fn referred(&self, samples: &Samples) -> Self {
         match Self::over(samples, self.c, self.n) {
             Some(lobe) => {
@@ -130,7 +136,8 @@ impl ModelLobe {
         }
     }
 
-    /// The lobe in the form of the map, with a given albedo a channel: ρ_s is the peak within the cone of the samples.
+    /// The lobe in the form of the map, with a given albedo a channel: ρ_s is the peak within the cone of the
+    /// samples.
     pub fn to_lobe(&self, rho_s: Rgb) -> Lobe {
         Lobe {
             n_grazing: self.n_grazing.map(|grazing| grazing as f32),
@@ -139,10 +146,12 @@ impl ModelLobe {
     }
 }
 
-/// The largest of a sinθ_i sinθ_o + C_z cosθ_i cosθ_o, a = max |C_x|, |C_y|, for θ_i and θ_o within a cone, any azimuths.
+/// The largest of a sinθ_i sinθ_o + C_z cosθ_i cosθ_o, a = max |C_x|, |C_y|, for θ_i and θ_o within a cone,
+/// any azimuths.
 fn largest_base(c: DVec3, cone: [f64; 2]) -> f64 {
     let across = c.x.abs().max(c.y.abs());
-    // For a given θ the other angle's best is atan2(a sinθ, C_z cosθ), and the base there grows with θ wherever a > C_z.
+    // For a given θ the other angle's best is atan2(a sinθ, C_z cosθ), and the base there grows with θ
+    // wherever a > C_z.
     let at = |given: f64, most: f64| {
         let (a, b) = (across * given.sin(), c.z * given.cos());
         let other = a.atan2(b).min(most);

@@ -4,8 +4,8 @@ use super::extensions::{Extensions, Microfacets};
 use super::{FitOptions, MOST_LOBES};
 use lobelia_reflectance::SbrdfMap;
 
-/// The lobes, how they were chosen and what a texel may have beside them; all else is as by default. None of a map that no fit of texels
-/// made, or whose attributes say otherwise than they were written.
+/// The lobes, how they were chosen and what a texel may have beside them; all else is as by default. None of
+/// a map that no fit of texels made, or whose attributes say otherwise than they were written.
 pub(crate) fn options(map: &SbrdfMap) -> Option<FitOptions> {
     let text = |name: &str| map.attributes.get(name).map(String::as_str);
     let lobes = text("fit.lobes")?;

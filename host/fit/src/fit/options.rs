@@ -19,7 +19,8 @@ pub enum Method {
     Separable,
     /// Levenberg–Marquardt over shapes and amplitudes, any number of lobes and any residual.
     Lm,
-    /// As [`Self::Lm`], but with the published colours (4.10), one for all lobes: what least squares are compared with.
+    /// As [`Self::Lm`], but with the published colours (4.10), one for all lobes: what least squares are
+    /// compared with.
     Ratio,
     /// The published line search over n, one lobe.
     LineSearch,
@@ -125,8 +126,8 @@ pub enum Residual {
     Proportional,
     /// g(f) = ln(1e-3 + f cosθ_o).
     Log,
-    /// As [`Self::Log`], but where a bright sample (against 0.3 sr⁻¹) is exceeded by a ratio t it counts as t − 1 instead of ln t:
-    /// the logarithm alone lets a peak rise to several times what was measured.
+    /// As [`Self::Log`], but where a bright sample (against 0.3 sr⁻¹) is exceeded by a ratio t it counts as t
+    /// − 1 instead of ln t: the logarithm alone lets a peak rise to several times what was measured.
     Balanced,
     /// g(f) = ∛(1e-3 + f cosθ_o): between linear and logarithmic.
     CubeRoot,
@@ -176,7 +177,8 @@ impl Residual {
         }
     }
 
-    /// The difference of a fitted value from a measured one, of which g is `goal`, and its derivative by the fitted value.
+    /// The difference of a fitted value from a measured one, of which g is `goal`, and its derivative by the
+    /// fitted value.
     #[inline]
     pub fn difference(self, value: f64, cos_o: f64, goal: f64) -> (f64, f64) {
         let (g, slope) = self.transform(value, cos_o);
@@ -205,14 +207,15 @@ impl Residual {
 pub struct FitOptions {
     /// Lobes, 0 (diffuse only) to [`MOST_LOBES`].
     pub lobes: usize,
-    /// Whether `lobes` is the most, and every texel gets as many as its samples support, anisotropic ones only where they are
-    /// better by the same criterion; the separable method alone.
+    /// Whether `lobes` is the most, and every texel gets as many as its samples support, anisotropic ones
+    /// only where they are better by the same criterion; the separable method alone.
     pub choose: bool,
     /// Method.
     pub method: Method,
     /// Cx = Cy and β = 0.
     pub isotropic: bool,
-    /// Lobes of its own for every channel, instead of shapes shared by all three; isotropic only, since a texel has one β.
+    /// Lobes of its own for every channel, instead of shapes shared by all three; isotropic only, since a
+    /// texel has one β.
     pub separate_channels: bool,
     /// Source of ρ_d.
     pub diffuse: Diffuse,
@@ -220,7 +223,8 @@ pub struct FitOptions {
     pub residual: Residual,
     /// What a sample's squared residual weighs beside what the residual says.
     pub weights: Weights,
-    /// Whether samples that lie far off weigh less, see [`super::separable::robust`]; the separable method alone.
+    /// Whether samples that lie far off weigh less, see [`super::separable::robust`]; the separable method
+    /// alone.
     pub robust: bool,
     /// What fits.
     pub device: Device,
@@ -258,8 +262,8 @@ impl FitOptions {
     /// Refuses what no method can do.
     ///
     /// # Errors
-    /// Too many lobes, more than one with the line search, anisotropic lobes of separate channels, or a percentile outside
-    /// 0..100.
+    /// Too many lobes, more than one with the line search, anisotropic lobes of separate channels, or a
+    /// percentile outside 0..100.
     pub fn check(&self) -> Result<()> {
         if self.lobes > MOST_LOBES {
             return Err(Error::input(format!(
@@ -275,7 +279,8 @@ impl FitOptions {
         }
         if self.weights == Weights::Sigma && self.residual != Residual::Linear {
             return Err(Error::input(format!(
-                "weights by standard deviation are for the linear residual, not {}, which has weights of its own",
+                "weights by standard deviation are for the linear residual, not {}, which has weights of its \
+                 own",
                 self.residual.name()
             )));
         }

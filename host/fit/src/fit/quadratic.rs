@@ -1,7 +1,8 @@
 //! Small convex quadratic programmes: least squares by their normal equations, under linear inequalities.
 //!
-//! The dual method of Goldfarb and Idnani (1983): from the unconstrained minimum, the inequality that is violated most is made to hold, one after
-//! the other, while those that no longer press are let go. Everything is solved anew at each step: there are at most [`MOST_UNKNOWNS`] unknowns.
+//! The dual method of Goldfarb and Idnani (1983): from the unconstrained minimum, the inequality that is
+//! violated most is made to hold, one after the other, while those that no longer press are let go.
+//! Everything is solved anew at each step: there are at most [`MOST_UNKNOWNS`] unknowns.
 
 use super::linear::{self, MOST_UNKNOWNS};
 
@@ -39,8 +40,8 @@ impl Minimum {
 
 type Vector = [f64; MOST_UNKNOWNS];
 
-/// Minimises ½ xᵀ H x − rhsᵀ x where all inequalities hold; H symmetric positive definite, row by row. None where H is not, or no x meets
-/// the inequalities.
+/// Minimises ½ xᵀ H x − rhsᵀ x where all inequalities hold; H symmetric positive definite, row by row. None
+/// where H is not, or no x meets the inequalities.
 pub(crate) fn minimise(hessian: &[f64], rhs: &[f64], inequalities: &[Inequality]) -> Option<Minimum> {
     let size = rhs.len();
     let mut factor = [0.0; MOST_UNKNOWNS * MOST_UNKNOWNS];
@@ -109,7 +110,8 @@ pub(crate) fn minimise(hessian: &[f64], rhs: &[f64], inequalities: &[Inequality]
     None
 }
 
-/// The way on which the inequality `row` is met while the active ones hold, for a multiplier of 1, and the rates at which their multipliers fall.
+/// The way on which the inequality `row` is met while the active ones hold, for a multiplier of 1, and the
+/// rates at which their multipliers fall.
 fn directions(
     solve: &impl Fn(&Vector) -> Vector,
     found: &Minimum,
@@ -186,12 +188,13 @@ mod tests {
                 let value: f64 = (0..SIZE).map(|i| limit.row[i] * found.x[i]).sum();
                 prop_assert!(value <= limit.most + 1e-8, "{value} {limit:?}");
             }
-            let mut gradient: [f64; SIZE] =
-                std::array::from_fn(|i| (0..SIZE).map(|j| hessian[SIZE * i + j] * found.x[j]).sum::<f64>() - rhs[i]);
+            let product = |i| (0..SIZE).map(|j| hessian[SIZE * i + j] * found.x[j]).sum::<f64>();
+            let mut gradient: [f64; SIZE] = std::array::from_fn(|i| product(i) - rhs[i]);
             for (place, multiplier) in found.pressing() {
                 let limit = inequalities[place];
                 let value: f64 = (0..SIZE).map(|i| limit.row[i] * found.x[i]).sum();
-                prop_assert!(multiplier >= -1e-9 && (value - limit.most).abs() < 1e-7, "{multiplier} {value}");
+                prop_assert!(multiplier >= -1e-9 && (value - limit.most).abs() < 1e-7, "{multiplier} \
+                     {value}");
                 (0..SIZE).for_each(|i| gradient[i] += multiplier * limit.row[i]);
             }
             prop_assert!(gradient.iter().all(|g| g.abs() < 1e-6), "{gradient:?}");

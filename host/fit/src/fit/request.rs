@@ -1,5 +1,6 @@
-//! What is asked of a fit. What a request leaves open is decided by what is fitted: the method by the residual, weights and residual by
-//! whether the samples have standard deviations, the number of lobes by the method, the device by the time that it takes.
+//! What is asked of a fit. What a request leaves open is decided by what is fitted: the method by the
+//! residual, weights and residual by whether the samples have standard deviations, the number of lobes by the
+//! method, the device by the time that it takes.
 
 use super::extensions::{Extensions, Microfacets};
 use super::table::{self, Size, TableOptions, Take};
@@ -17,7 +18,8 @@ const MOST_BESIDE: usize = 3;
 /// A number of lobes, or the choice among several.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Lobes {
-    /// What the samples support up to this many; where the method cannot choose, two, or one with the line search, if that is no more.
+    /// What the samples support up to this many; where the method cannot choose, two, or one with the line
+    /// search, if that is no more.
     Auto(usize),
     /// This many.
     Count(usize),
@@ -65,11 +67,14 @@ pub struct Request {
     pub lobes: Lobes,
     /// Terms. Where open: lobes for texels; the choice for a table, lobes where their number is fixed.
     pub terms: Option<Terms>,
-    /// Method. Where open: separable for texels if the residual is linear in f, else Levenberg–Marquardt, as for tables.
+    /// Method. Where open: separable for texels if the residual is linear in f, else Levenberg–Marquardt, as
+    /// for tables.
     pub method: Option<Method>,
-    /// Scale of comparison. Where open: proportional for texels, linear where they weigh by their standard deviations; balanced for tables.
+    /// Scale of comparison. Where open: proportional for texels, linear where they weigh by their standard
+    /// deviations; balanced for tables.
     pub residual: Option<Residual>,
-    /// Weights of samples. Where these and the residual are open and the method is separable: sigma if the store has standard deviations.
+    /// Weights of samples. Where these and the residual are open and the method is separable: sigma if the
+    /// store has standard deviations.
     pub weights: Option<Weights>,
     /// Device. Where open: the faster one, [`Request::device`].
     pub device: Option<Device>,
@@ -90,7 +95,8 @@ pub struct Request {
 }
 
 impl Request {
-    /// Fits a store with all that is open decided: the map that `lobelia fit` writes, but for what that says of who made it.
+    /// Fits a store with all that is open decided: the map that `lobelia fit` writes, but for what that says
+    /// of who made it.
     ///
     /// # Errors
     /// As [`Self::of_texels`] and [`chunks::fit_store`].
@@ -100,8 +106,8 @@ impl Request {
         chunks::fit_store(store, &FitOptions { device, ..options })
     }
 
-    /// How texels are fitted. Without their store as if it had no standard deviations. An open device is the CPU: it alone gives the
-    /// same bytes on every machine.
+    /// How texels are fitted. Without their store as if it had no standard deviations. An open device is the
+    /// CPU: it alone gives the same bytes on every machine.
     ///
     /// # Errors
     /// As [`FitOptions::check`].
@@ -144,8 +150,8 @@ impl Request {
         Ok(options)
     }
 
-    /// The device that was asked for; else the GPU if there are 16,384 texels or more, it is no software, and it fits the middle chunk in
-    /// less time than the CPU.
+    /// The device that was asked for; else the GPU if there are 16,384 texels or more, it is no software, and
+    /// it fits the middle chunk in less time than the CPU.
     ///
     /// # Errors
     /// When that chunk cannot be read.
@@ -187,8 +193,8 @@ impl Request {
         Ok(TableRequest { method, residual, sizes, take })
     }
 
-    /// Fits a table at blue, green and red, or at its only wavelength: the map of one texel that `lobelia fit` writes, but for what that
-    /// says of who made it.
+    /// Fits a table at blue, green and red, or at its only wavelength: the map of one texel that `lobelia
+    /// fit` writes, but for what that says of who made it.
     ///
     /// # Errors
     /// As [`Self::of_table`] and [`table::fit`].

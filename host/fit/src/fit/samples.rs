@@ -1,4 +1,5 @@
-//! The samples of one texel or one wavelength, as the fitters want them: products of direction components in flat arrays.
+//! The samples of one texel or one wavelength, as the fitters want them: products of direction components in
+//! flat arrays.
 
 use glam::{DVec3, Vec3};
 
@@ -76,7 +77,8 @@ impl Samples {
         self.lowest.unwrap_or([1.0; 2]).map(f64::acos)
     }
 
-    /// The mean of cosθ_i and cosθ_o of sample k, on which the exponent of a lobe that sharpens depends (6.19).
+    /// The mean of cosθ_i and cosθ_o of sample k, on which the exponent of a lobe that sharpens depends
+    /// (6.19).
     pub fn mean_cosine(&self, k: usize) -> f64 {
         0.5 * (self.zz[k] / self.cos_o[k] + self.cos_o[k])
     }
@@ -165,8 +167,8 @@ pub struct Target {
     pub most: f64,
 }
 
-/// A lobe's peak within the cone of the samples is kept below this many times the largest measured value: a lobe that only its flank's
-/// samples hold up would else tower over all that was measured.
+/// A lobe's peak within the cone of the samples is kept below this many times the largest measured value: a
+/// lobe that only its flank's samples hold up would else tower over all that was measured.
 pub const MOST_OVER_SEEN: f64 = 4.0;
 
 impl Target {

@@ -1,10 +1,12 @@
-//! Starts for the optimiser: a deterministic search through a bank of lobe shapes, and random ones to compare it with.
+//! Starts for the optimiser: a deterministic search through a bank of lobe shapes, and random ones to compare
+//! it with.
 //!
-//! The bank holds shapes for directions of C all round the (Cxy, Cz) circle and n = 1, 2, 4, … (`Bank`; one squaring takes a shape to
-//! the next exponent). The amplitudes that go best with a set of shapes follow in closed form (non-negative least squares).
-//! The search adds lobes one after the other: every set of the beam is joined by the shapes that are local maxima of
-//! explained variance over the bank, the best sets are optimised for a few steps, and the best of those go on. The
-//! last beam is optimised to convergence and the cheapest wins. One procedure, no chance in it.
+//! The bank holds shapes for directions of C all round the (Cxy, Cz) circle and n = 1, 2, 4, … (`Bank`; one
+//! squaring takes a shape to the next exponent). The amplitudes that go best with a set of shapes follow in
+//! closed form (non-negative least squares). The search adds lobes one after the other: every set of the beam
+//! is joined by the shapes that are local maxima of explained variance over the bank, the best sets are
+//! optimised for a few steps, and the best of those go on. The last beam is optimised to convergence and the
+//! cheapest wins. One procedure, no chance in it.
 
 use super::coat::Coat;
 use super::lm::{Descent, Freedom, Limits, Optimiser};
@@ -25,8 +27,8 @@ const ROWS: usize = EXPONENTS + 1;
 pub struct Effort {
     /// Directions of C round the circle in the bank.
     pub directions: usize,
-    /// Powers of the residual's linearised weights under which extensions are looked for: 1 is the residual itself, to first order;
-    /// 0 sees the peaks that a logarithmic residual hardly weighs.
+    /// Powers of the residual's linearised weights under which extensions are looked for: 1 is the residual
+    /// itself, to first order; 0 sees the peaks that a logarithmic residual hardly weighs.
     pub powers: &'static [f64],
     /// Sets kept after each added lobe.
     pub beam: usize,
@@ -210,8 +212,8 @@ impl Search {
         })
     }
 
-    /// Adds to `found` the sets that are `model` and one lobe of the bank more, for the `most` best local maxima of what
-    /// the joint closed-form amplitudes explain.
+    /// Adds to `found` the sets that are `model` and one lobe of the bank more, for the `most` best local
+    /// maxima of what the joint closed-form amplitudes explain.
     fn extensions(
         &mut self,
         problem: &Problem<'_>,
@@ -235,7 +237,8 @@ impl Search {
         maxima.sort_by(|&a, &b| self.scores[b].total_cmp(&self.scores[a]).then(a.cmp(&b)));
         maxima.truncate(most);
         if thorough {
-            // What the closed form ranks badly can still be the best once optimised: every exponent gets a try.
+            // What the closed form ranks badly can still be the best once optimised: every exponent gets a
+            // try.
             for exponent in 0..EXPONENTS {
                 let directions = (0..self.bank.directions).map(|direction| direction * EXPONENTS + exponent);
                 let best = directions.max_by(|&a, &b| self.scores[a].total_cmp(&self.scores[b]));
@@ -253,7 +256,8 @@ impl Search {
         }
     }
 
-    /// Solves for the amplitudes of the set and one shape of the bank; what they explain, or −∞ where the shape adds nothing.
+    /// Solves for the amplitudes of the set and one shape of the bank; what they explain, or −∞ where the
+    /// shape adds nothing.
     fn join(&self, system: &mut System, direction: usize, exponent: usize, count: usize) -> f64 {
         let size = system.rhs.len();
         let last = size - 1;
@@ -290,7 +294,8 @@ impl Search {
             && score > at(direction + 1, exponent)
     }
 
-    /// Fills the weighted columns of a model; the linear system that they and one column more make, without that one.
+    /// Fills the weighted columns of a model; the linear system that they and one column more make, without
+    /// that one.
     fn system_of(&mut self, problem: &Problem<'_>, model: &Model, power: f64) -> System {
         let (samples, target) = (problem.samples, problem.target);
         let count = samples.len();
@@ -381,8 +386,9 @@ impl Problem<'_> {
 
     /// Optimises within the problem's freedom.
     ///
-    /// The search for the shapes is isotropic. From there an anisotropic fit needs a push: with Cx = Cy the cost does not
-    /// depend on β. So an isotropic optimum is followed by four pushed ones, along β = 0 and β = π/4, of which the cheapest goes on.
+    /// The search for the shapes is isotropic. From there an anisotropic fit needs a push: with Cx = Cy the
+    /// cost does not depend on β. So an isotropic optimum is followed by four pushed ones, along β = 0 and β
+    /// = π/4, of which the cheapest goes on.
     pub fn minimise(&self, optimiser: &mut Optimiser, limits: Limits, model: &mut Model) -> Descent {
         let (samples, target, freedom) = (self.samples, self.target, self.freedom);
         let pushed = model.lobes.iter().any(|lobe| lobe.c.x != lobe.c.y);
@@ -412,8 +418,8 @@ impl Problem<'_> {
         optimiser.minimise(samples, target, freedom, limits, model)
     }
 
-    /// The best of `starts` random starts: directions of C uniform on the circle, ln n uniform in 1..1000, amplitudes in
-    /// closed form; each optimised to convergence.
+    /// The best of `starts` random starts: directions of C uniform on the circle, ln n uniform in 1..1000,
+    /// amplitudes in closed form; each optimised to convergence.
     pub fn best_of_random(
         &self,
         optimiser: &mut Optimiser,

@@ -1,6 +1,8 @@
-//! Fits one measured table, wavelength by wavelength with lobes of its own each, and says how well it predicts held-out rows.
+//! Fits one measured table, wavelength by wavelength with lobes of its own each, and says how well it
+//! predicts held-out rows.
 //!
-//! Tables of paint are isotropic: Cx = Cy and β = 0. Beside lobes a microfacet term can be fitted, and the data can choose (module `choice`).
+//! Tables of paint are isotropic: Cx = Cy and β = 0. Beside lobes a microfacet term can be fitted, and the
+//! data can choose (module `choice`).
 
 mod choice;
 pub mod judge;
@@ -89,7 +91,8 @@ pub struct WavelengthFit {
     pub model: Model,
     /// Cost and convergence.
     pub outcome: Descent,
-    /// Standard deviations of the coefficients; none where the model is no optimum: found by the line search or changed for the sake of energy.
+    /// Standard deviations of the coefficients; none where the model is no optimum: found by the line search
+    /// or changed for the sake of energy.
     pub deviations: Option<uncertainty::Deviations>,
     /// Over the rows that the fit saw.
     pub training: Errors,
@@ -155,10 +158,12 @@ pub enum Take {
     Choose,
 }
 
-/// Fits a table at every wavelength with every size, in parallel; sorted by wavelength as given, then by size as given.
+/// Fits a table at every wavelength with every size, in parallel; sorted by wavelength as given, then by size
+/// as given.
 ///
 /// # Errors
-/// Input errors: a wavelength outside the table, nothing left to fit or nothing held out at an angle that was asked for.
+/// Input errors: a wavelength outside the table, nothing left to fit or nothing held out at an angle that was
+/// asked for.
 pub fn fit(
     table: &MeasuredTable,
     wavelengths_nm: &[f64],
@@ -343,7 +348,8 @@ pub fn coloured(model: &Model, colour: Rgb) -> LobeBrdf {
     }
 }
 
-/// The wavelengths to fit, nm, where none is named: the one of a table that has no other, else those of blue, green and red.
+/// The wavelengths to fit, nm, where none is named: the one of a table that has no other, else those of blue,
+/// green and red.
 pub fn wavelengths_nm(table: &MeasuredTable) -> Vec<f64> {
     match &table.wavelengths_nm[..] {
         [only] => vec![*only],
@@ -351,7 +357,8 @@ pub fn wavelengths_nm(table: &MeasuredTable) -> Vec<f64> {
     }
 }
 
-/// A map of one texel of the fits to take: the longest wavelength as red, the shortest as blue, or a single one as grey.
+/// A map of one texel of the fits to take: the longest wavelength as red, the shortest as blue, or a single
+/// one as grey.
 ///
 /// # Errors
 /// Input errors: neither one wavelength nor three.

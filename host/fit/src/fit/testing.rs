@@ -1,4 +1,5 @@
-//! Synthetic samples for the tests of the fitters: random poses, noise and errors of direction as a rig has them.
+//! Synthetic samples for the tests of the fitters: random poses, noise and errors of direction as a rig has
+//! them.
 
 use glam::Vec3;
 
@@ -29,7 +30,8 @@ pub(crate) fn samples(pairs: &[(Vec3, Vec3)], f: impl Fn(Vec3, Vec3) -> Rgb) -> 
     samples
 }
 
-/// Samples as the rig would deliver them: directions off by `error_deg` RMS, noise 0.5 % of the value and 1e-4 sr⁻¹.
+/// Samples as the rig would deliver them: directions off by `error_deg` RMS, noise 0.5 % of the value and
+/// 1e-4 sr⁻¹.
 pub(crate) fn measured(
     pairs: &[(Vec3, Vec3)],
     brdf: &impl Brdf,

@@ -85,7 +85,8 @@ fn an_anisotropic_texel_keeps_its_direction() {
     }
 }
 
-/// A sampled SBRDF of two materials side by side, with a texel that has no valid sample and one that has three.
+/// A sampled SBRDF of two materials side by side, with a texel that has no valid sample and one that has
+/// three.
 fn sampled() -> SampledSbrdf {
     let poses = directions(60, 1).into_iter().map(|(wi, wo)| PoseGeometry {
         light_mm: wi.as_dvec3() * 900.0,
@@ -120,8 +121,8 @@ fn a_map_does_not_depend_on_the_number_of_threads() {
     assert_eq!(with(1), with(3));
 }
 
-/// Variances of n and of ρ_s over 144 texels of one material, over their Cramér–Rao bounds. The noise grows with the signal, 5 % of it and
-/// 1e-3 sr⁻¹.
+/// Variances of n and of ρ_s over 144 texels of one material, over their Cramér–Rao bounds. The noise grows
+/// with the signal, 5 % of it and 1e-3 sr⁻¹.
 fn over_bound(method: Method, residual: Residual, weights: Weights) -> [f64; 2] {
     let lobe = Lobe::new(Rgb::splat(0.8), glam::Vec3::new(-1.0, -1.0, 0.97), 30.0);
     let truth = LobeBrdf { rho_d: Rgb::splat(0.02), lobes: vec![lobe], ..LobeBrdf::default() };
@@ -152,8 +153,9 @@ fn over_bound(method: Method, residual: Residual, weights: Weights) -> [f64; 2] 
     [n / bounds[0], variance(&mut peak.into_iter()) / bounds[1]]
 }
 
-/// The Cramér–Rao bounds of n and of a channel's ρ_s, which the fit refers to the lobe's peak within the poses' cone, of a grey texel with one
-/// lobe: C = (−1, −1, z), (z, n) given; `deviation` of a value. Derivatives are differences.
+/// The Cramér–Rao bounds of n and of a channel's ρ_s, which the fit refers to the lobe's peak within the
+/// poses' cone, of a grey texel with one lobe: C = (−1, −1, z), (z, n) given; `deviation` of a value.
+/// Derivatives are differences.
 fn bounds(
     sampled: &SampledSbrdf,
     rho_d: f64,
@@ -209,8 +211,8 @@ fn samples_that_weigh_by_their_noise_reach_the_cramer_rao_bound() {
         let weighted = over_bound(method, Residual::Linear, Weights::Sigma);
         let proportional = over_bound(method, Residual::Proportional, Weights::Pose);
         println!("{method:?}: plain {plain:.2?}, sigma {weighted:.2?}, proportional {proportional:.2?}");
-        // Variances of 144 values are known to 12 %. Levenberg–Marquardt fits the shape to luminance, of which equal channels' noise has
-        // 1.69 times the least variance.
+        // Variances of 144 values are known to 12 %. Levenberg–Marquardt fits the shape to luminance, of
+        // which equal channels' noise has 1.69 times the least variance.
         let most = if method == Method::Lm { 2.1 } else { 1.3 };
         assert!(weighted.iter().all(|&ratio| ratio < most), "{method:?}: {weighted:?}");
         assert!(plain.iter().all(|&ratio| ratio > 1.8), "{method:?}: {plain:?}");
@@ -253,6 +255,51 @@ fn auto_reports_a_mirror_and_fits_the_lobes_beside_it_as_without() {
         let [with, without] =
             [&with, &without].map(|map| relative_error(&map.texel(texel), &plain, &unposed));
         assert!(with < 0.02 && without < 0.02, "{texel}: {with} {without}");
+    }
+}
+
+/// ρ_m = f cosθ_i dω_i, with the lamp that the store tells of.
+#[test]
+fn a_mirrors_reflectance_comes_back_from_a_store_that_knows_the_lamp() {
+    use lobelia_reflectance::sampled::{APERTURE_KEY, Attributes, SampledStore};
+    let (rho, aperture) = (0.4f32, 78.5f32);
+    let mut poses = crate::synth::poses(200, 5);
+    poses[0].camera_mm = poses[0].light_mm * glam::DVec3::new(-1.0, -1.0, 1.0);
+    let distance = poses[0].light_mm.length() as f32;
+    assert!(poses.iter().all(|pose| (pose.light_mm.length() as f32 / distance - 1.0).abs() < 1e-5));
+    let options = crate::synth::Options {
+        width: 3,
+        height: 2,
+        texel_mm: 0.1,
+        poses: 200,
+        noise: 1e-3,
+        relative_noise: 0.01,
+        seed: 5,
+    };
+    let plain = LobeBrdf::diffuse(Rgb::splat(0.2));
+    let sampled = crate::synth::sample_at(poses, &options, |_, _, wi, wo| {
+        let met = (wi + wo).normalize().z > 0.999_996;
+        let peak = rho * distance * distance / (aperture * wi.z);
+        plain.eval(wi, wo) + if met { Rgb::splat(peak) } else { Rgb::ZERO }
+    });
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("sampled.zarr");
+    let options = FitOptions { choose: true, lobes: 3, ..FitOptions::default() };
+    for known in [true, false] {
+        let mut attributes = Attributes::new();
+        if known {
+            attributes.insert(APERTURE_KEY.into(), f64::from(aperture).into());
+        }
+        let _ = std::fs::remove_dir_all(&path);
+        sampled.write_zarr_with(&path, &attributes).unwrap();
+        let map = chunks::fit_store(&SampledStore::open(&path).unwrap(), &options).unwrap();
+        let angle = map.attributes.get(lobelia_reflectance::MIRROR_SOLID_ANGLE);
+        assert_eq!(angle.is_some(), known);
+        let Some(angle) = angle.map(|text| text.parse::<f32>().unwrap()) else { continue };
+        for value in &map.extra["mirror.G"] {
+            // Four standard deviations of 1 %.
+            assert!((value * angle / rho - 1.0).abs() < 0.04, "{}", value * angle);
+        }
     }
 }
 
@@ -313,8 +360,8 @@ fn the_percentile_keeps_its_value_in_the_fit() {
     }
 }
 
-/// 200 poses put less than two into a highlight of n above 150, so those of clay (n to 201) and of brushed metal (196) are
-/// met less well.
+/// 200 poses put less than two into a highlight of n above 150, so those of clay (n to 201) and of brushed
+/// metal (196) are met less well.
 #[test]
 fn published_materials_with_noise_come_back_within_three_percent_unless_the_poses_miss_their_highlights() {
     let options = FitOptions { lobes: 3, separate_channels: true, ..Default::default() };
@@ -327,7 +374,8 @@ fn published_materials_with_noise_come_back_within_three_percent_unless_the_pose
     }
 }
 
-/// The error of one lobe's fit to 200 poses, by `method`; those with a base of the lobe below `least` are left out.
+/// The error of one lobe's fit to 200 poses, by `method`; those with a base of the lobe below `least` are
+/// left out.
 fn error_of(method: Method, n: f32, least: f32, noise: f32) -> f64 {
     let lobe = Lobe::new(Rgb::new(0.6, 0.3, 0.1), glam::Vec3::new(-1.0, -1.0, 0.97), n);
     let truth = LobeBrdf { rho_d: Rgb::new(0.1, 0.2, 0.3), lobes: vec![lobe], ..LobeBrdf::default() };

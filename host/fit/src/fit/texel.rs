@@ -38,14 +38,17 @@ pub struct TexelFit {
     pub sigma: Option<Sigma>,
     /// The mirror term, where the number of lobes was a choice and one was found.
     pub mirror: Option<Mirror>,
-    /// Combinations of the shapes' coefficients that the samples do not tell and a prior decided; the separable fit alone has one.
+    /// Combinations of the shapes' coefficients that the samples do not tell and a prior decided; the
+    /// separable fit alone has one.
     pub tied: usize,
-    /// Whether the number of lobes was a choice and another would have predicted left-out poses almost as well.
+    /// Whether the number of lobes was a choice and another would have predicted left-out poses almost as
+    /// well.
     pub doubtful: bool,
-    /// The residual's RMS over that of the noise, both a sample and channel, with the unknowns counted out: 1 where noise explains it. None where the
-    /// samples do not weigh by their standard deviations.
+    /// The residual's RMS over that of the noise, both a sample and channel, with the unknowns counted out: 1
+    /// where noise explains it. None where the samples do not weigh by their standard deviations.
     pub over_noise: Option<f64>,
-    /// By how much `relative` rose where the fit had to be changed so that it makes no light; none where it did not.
+    /// By how much `relative` rose where the fit had to be changed so that it makes no light; none where it
+    /// did not.
     pub bound_price: Option<f64>,
 }
 
@@ -53,7 +56,8 @@ pub struct TexelFit {
 const TOGETHER: [&[usize]; 1] = [&[0, 1, 2]];
 const APART: [&[usize]; 3] = [&[0], &[1], &[2]];
 
-/// Fits the samples in the workspace. With fewer samples than unknowns fewer lobes are fitted, with none the texel is black.
+/// Fits the samples in the workspace. With fewer samples than unknowns fewer lobes are fitted, with none the
+/// texel is black.
 pub fn fit(workspace: &mut Workspace, options: &FitOptions) -> TexelFit {
     let count = workspace.samples.len();
     let lobes = affordable_lobes(count, options);
@@ -112,7 +116,8 @@ pub fn fit(workspace: &mut Workspace, options: &FitOptions) -> TexelFit {
     fit
 }
 
-/// The root of a sum of squared residuals over σ, by what noise makes of it with the unknowns of a BRDF; none without more values than unknowns.
+/// The root of a sum of squared residuals over σ, by what noise makes of it with the unknowns of a BRDF; none
+/// without more values than unknowns.
 pub(super) fn over_noise(
     weighted: f64,
     samples: usize,
@@ -127,7 +132,8 @@ pub(super) fn over_noise(
     Some((weighted / free as f64).sqrt())
 }
 
-/// Fits a texel with a directional albedo above `limit` again so that it has none, and measures its error again.
+/// Fits a texel with a directional albedo above `limit` again so that it has none, and measures its error
+/// again.
 fn hold(fit: &mut TexelFit, samples: &Samples, options: &FitOptions, limit: f64) {
     let targets: [Target; 3] = std::array::from_fn(|channel| {
         let mut target = Target::default();
@@ -147,16 +153,16 @@ pub(super) fn affordable_lobes(count: usize, options: &FitOptions) -> usize {
     (0..=options.lobes).rev().find(|&lobes| lobes == 0 || count > unknowns(lobes, options)).unwrap_or(0)
 }
 
-/// Unknowns of one channel of a texel with so many lobes: ρ_d, and of each lobe ρ_s, the direction of C and n; β of anisotropic ones, and what the
-/// options have beyond.
+/// Unknowns of one channel of a texel with so many lobes: ρ_d, and of each lobe ρ_s, the direction of C and
+/// n; β of anisotropic ones, and what the options have beyond.
 pub fn unknowns(lobes: usize, options: &FitOptions) -> usize {
     let [more, more_a_lobe] = options.extensions.unknowns();
     let per_lobe = more_a_lobe + if options.isotropic { 3 } else { 4 };
     1 + lobes * per_lobe + usize::from(!options.isotropic) + more
 }
 
-/// The diffuse term a channel where it is not fitted with the lobes. A percentile says what lies below the lobes; without
-/// lobes it would only bias the mean.
+/// The diffuse term a channel where it is not fitted with the lobes. A percentile says what lies below the
+/// lobes; without lobes it would only bias the mean.
 fn fixed_diffuse(samples: &Samples, options: &FitOptions, lobes: usize) -> Option<[f64; 3]> {
     match (options.diffuse, options.method) {
         _ if lobes == 0 => None,

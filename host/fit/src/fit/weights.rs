@@ -10,7 +10,8 @@ pub enum Weights {
     /// The pose's weight of the sampled SBRDF.
     #[default]
     Pose,
-    /// 1/σ² of the sample, where the sampled SBRDF holds standard deviations; a pose of weight 0 stays out. For the linear residual.
+    /// 1/σ² of the sample, where the sampled SBRDF holds standard deviations; a pose of weight 0 stays out.
+    /// For the linear residual.
     Sigma,
 }
 
@@ -24,8 +25,8 @@ impl Weights {
     }
 }
 
-/// The weight that the channels of a sample share: the inverse square of their standard deviations' mean, in which they count as in luminance.
-/// 0 where one is not known or the pose weighs nothing.
+/// The weight that the channels of a sample share: the inverse square of their standard deviations' mean, in
+/// which they count as in luminance. 0 where one is not known or the pose weighs nothing.
 pub(super) fn by_sigma(pose: f64, sigmas: &[f16]) -> f64 {
     let Some(&[red, green, blue]) = sigmas.first_chunk() else { return 0.0 };
     let sigma = colour::LUMINANCE.as_dvec3().dot(glam::DVec3::new(red.into(), green.into(), blue.into()));

@@ -1,7 +1,9 @@
-//! Where light and camera stood: poses that are not known, too few of them, and directions that leave the shape of a lobe open.
+//! Where light and camera stood: poses that are not known, too few of them, and directions that leave the
+//! shape of a lobe open.
 //!
-//! A lobe's base (4.1) is linear in the products ω_ix ω_ox, ω_iy ω_oy, ω_ix ω_oy + ω_iy ω_ox and ω_iz ω_oz, an isotropic one's in the sum of
-//! the first two and the last. Its shape is determined where these, over all poses, are linearly independent.
+//! A lobe's base (4.1) is linear in the products ω_ix ω_ox, ω_iy ω_oy, ω_ix ω_oy + ω_iy ω_ox and ω_iz ω_oz,
+//! an isotropic one's in the sum of the first two and the last. Its shape is determined where these, over all
+//! poses, are linearly independent.
 
 use glam::DVec3;
 
@@ -13,7 +15,8 @@ use lobelia_reflectance::sampled::PoseGeometry;
 
 /// Directions count as in one plane when none is farther from it than this.
 const IN_PLANE_DEG: f64 = 5.0;
-/// A combination of the products counts as 0 when its RMS over the poses is below this; over poses all round it is 0.1 or more.
+/// A combination of the products counts as 0 when its RMS over the poses is below this; over poses all round
+/// it is 0.1 or more.
 const LEAST_PRODUCT: f64 = 0.02;
 
 /// Unit directions toward light and camera from the sample's centre at the poses that are not left out.
@@ -32,7 +35,8 @@ pub fn unknown_poses(poses: &[usize]) -> Option<Warning> {
     };
     let (word, are) = if others.is_empty() { ("pose", "is") } else { ("poses", "are") };
     let text = format!(
-        "{word} {first}{}{more} {are} left out: position of light or camera, or weight, is not a number (NaN)",
+        "{word} {first}{}{more} {are} left out: position of light or camera, or weight, is not a number \
+         (NaN)",
         list.concat()
     );
     Some(Warning { poses: poses.to_vec(), ..Warning::new(Kind::UnknownPose, text) })
@@ -77,20 +81,21 @@ pub fn shape(directions: &[(DVec3, DVec3)], isotropic: bool) -> Option<Warning> 
             "Cy and β of a lobe are not determined"
         };
         let text = format!(
-            "light and camera are always in one plane through the normal (at {azimuth_deg:.0}° from x, within {off_deg:.1}°): {open}; \
-             add poses with the sample turned or tilted out of it"
+            "light and camera are always in one plane through the normal (at {azimuth_deg:.0}° from x, \
+             within {off_deg:.1}°): {open}; add poses with the sample turned or tilted out of it"
         );
         return Some(Warning::new(Kind::Shape, text));
     }
     if least_product(directions, isotropic) < LEAST_PRODUCT {
-        let text = "the directions of light and camera are too much alike to determine the shape of a lobe; add poses in which both stand \
-                    away from the normal, on different sides";
+        let text = "the directions of light and camera are too much alike to determine the shape of a lobe; \
+             add poses in which both stand away from the normal, on different sides";
         return Some(Warning::new(Kind::Shape, text));
     }
     None
 }
 
-/// The plane through the normal in which all directions lie, if there is one: its angle from x and the largest angle to it, degrees.
+/// The plane through the normal in which all directions lie, if there is one: its angle from x and the
+/// largest angle to it, degrees.
 fn plane(directions: &[(DVec3, DVec3)]) -> Option<(f64, f64)> {
     let all = || directions.iter().flat_map(|&(wi, wo)| [wi, wo]);
     let mut scatter = [0.0; 4];
@@ -168,7 +173,8 @@ mod tests {
             let found = shape(&in_plane(30.0, 1.0), isotropic).unwrap();
             assert!(found.kind == Kind::Shape && found.text.contains("at 30° from x"), "{}", found.text);
         }
-        // Pairs in two planes tell of isotropic lobes all there is, of anisotropic ones two of three products.
+        // Pairs in two planes tell of isotropic lobes all there is, of anisotropic ones two of three
+        // products.
         assert_eq!(shape(&in_plane(30.0, 20.0), true), None);
         assert!(shape(&in_plane(30.0, 20.0), false).unwrap().text.contains("too much alike"));
     }

@@ -1,10 +1,13 @@
-//! What a fit leaves: poses that stand out over the whole sample, and texels with a residual that their noise does not explain.
+//! What a fit leaves: poses that stand out over the whole sample, and texels with a residual that their noise
+//! does not explain.
 //!
-//! A pose is judged by some texels, evenly spread. A sample's residual counts in units of its expected error: σ where that is known, 2 % for
-//! lamp, geometry and registration, and 20 % of a highlight, since no real one is quite a lobe. What is left of a texel at most poses is the model's misfit and is divided out by its median over the
-//! poses; what many texels have at a pose is summed up by two quantiles over texels, the median for light that is wrong everywhere and the 90th
-//! percentile for photographs that are shifted, which shows at edges. Lobes fit some directions worse than others: so a pose is held against
-//! the poses nearest in direction as well as against all.
+//! A pose is judged by some texels, evenly spread. A sample's residual counts in units of its expected error:
+//! σ where that is known, 2 % for lamp, geometry and registration, and 20 % of a highlight, since no real one
+//! is quite a lobe. What is left of a texel at most poses is the model's misfit and is divided out by its
+//! median over the poses; what many texels have at a pose is summed up by two quantiles over texels, the
+//! median for light that is wrong everywhere and the 90th percentile for photographs that are shifted, which
+//! shows at edges. Lobes fit some directions worse than others: so a pose is held against the poses nearest
+//! in direction as well as against all.
 
 use glam::Vec3;
 use rayon::prelude::*;
@@ -19,23 +22,28 @@ use lobelia_reflectance::{Brdf as _, SbrdfMap, colour};
 const WINDOW: usize = 16;
 const WINDOWS: usize = 12;
 const TEXELS: usize = 1024;
-/// Expected error beside σ: a share of the fitted value and of this many sr⁻¹, and a share of what the lobes have of it.
+/// Expected error beside σ: a share of the fitted value and of this many sr⁻¹, and a share of what the lobes
+/// have of it.
 const SHARE: f64 = 0.02;
 const DARK: f64 = 0.01;
 const SHARE_OF_LOBES: f64 = 0.2;
 /// A texel's median residual counts as at least this many expected errors.
 const LEAST_MEDIAN: f64 = 0.5;
-/// A pose is held against at least this many times the texels' median residuals: what is within the expected errors never stands out.
+/// A pose is held against at least this many times the texels' median residuals: what is within the expected
+/// errors never stands out.
 const LEAST_LEVEL: f64 = 1.0;
-/// Samples whose half vector is nearer to the normal are not looked at: mirrors and the sharpest lobes are not resolved there.
+/// Samples whose half vector is nearer to the normal are not looked at: mirrors and the sharpest lobes are
+/// not resolved there.
 const MIRROR_DEG: f64 = 3.0;
 /// Fewer poses, or fewer texels at a pose, say nothing.
 const FEWEST_POSES: usize = 12;
 const FEWEST_TEXELS: usize = 16;
-/// Poses nearest in direction that a pose is held against, and how many are looked through for those that were seen.
+/// Poses nearest in direction that a pose is held against, and how many are looked through for those that
+/// were seen.
 const NEIGHBOURS: usize = 6;
 const NEAR: usize = 48;
-/// A pose stands out from this many times the residual of the others on, if that is also this many of the robust standard deviations of all poses.
+/// A pose stands out from this many times the residual of the others on, if that is also this many of the
+/// robust standard deviations of all poses.
 const TIMES: f64 = 3.0;
 const DEVIATIONS: f64 = 6.0;
 /// The robust standard deviation of the residuals' logarithms is at least this.
@@ -44,7 +52,8 @@ const LEAST_SPREAD: f64 = 0.1;
 /// What the poses' residuals are.
 #[derive(Debug, Clone, Default)]
 pub struct PoseResiduals {
-    /// How many times that of the other poses, those nearest in direction included, each pose's residual is; none where too little was seen.
+    /// How many times that of the other poses, those nearest in direction included, each pose's residual is;
+    /// none where too little was seen.
     pub times: Vec<Option<f64>>,
     /// Median over texels of the samples' brightness over that of the fit, a pose.
     pub brightness: Vec<f64>,
@@ -169,7 +178,8 @@ fn judged(pairs: &[DirectionPair], texels: &[Texel]) -> PoseResiduals {
     PoseResiduals { times, brightness, outstanding: poses }
 }
 
-/// The poses nearest in direction to each pose, the nearest first, by the isotropic distance and by the other.
+/// The poses nearest in direction to each pose, the nearest first, by the isotropic distance and by the
+/// other.
 fn nearest(pairs: &[DirectionPair]) -> Vec<[Vec<usize>; 2]> {
     let of_pose = |pose: usize, isotropic: bool| {
         let others = (0..pairs.len()).filter(|&other| other != pose);
@@ -238,8 +248,8 @@ impl PoseResiduals {
         };
         let list: Vec<(usize, String)> = self.outstanding.iter().map(remark).collect();
         let text = format!(
-            "the residual over the whole sample stands out at {}: the photograph may be misregistered, of another pose or lit otherwise; \
-             look at it, or leave it out with develop --skip-pose",
+            "the residual over the whole sample stands out at {}: the photograph may be misregistered, of \
+             another pose or lit otherwise; look at it, or leave it out with develop --skip-pose",
             named(&list)
         );
         Some(Warning { poses: self.outstanding.clone(), ..Warning::new(Kind::OutstandingPose, text) })

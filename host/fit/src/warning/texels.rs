@@ -1,4 +1,5 @@
-//! Texels of a fitted map that a person should look at: too few valid samples, and residuals that the noise does not explain.
+//! Texels of a fitted map that a person should look at: too few valid samples, and residuals that the noise
+//! does not explain.
 
 use crate::fit::FitOptions;
 use crate::fit::pool::RegionReport;
@@ -6,12 +7,12 @@ use crate::fit::texel::{OVER_NOISE, unknowns};
 use lobelia_base::warning::{Kind, NAMED, Warning, percent};
 use lobelia_reflectance::SbrdfMap;
 
-/// A residual is not explained when it is more than so many times its noise, and more than this share of the samples' RMS: below that, registration,
-/// lamp and geometry, of which σ knows nothing, explain it.
+/// A residual is not explained when it is more than so many times its noise, and more than this share of the
+/// samples' RMS: below that, registration, lamp and geometry, of which σ knows nothing, explain it.
 const TIMES: f32 = 3.0;
 const SHARE: f32 = 0.1;
-/// From this share of the texels on that is a warning. Below, it may be edges of a pattern, where light of two materials mixes: on the small samples of
-/// the simulated rig a fifth to two fifths of the texels.
+/// From this share of the texels on that is a warning. Below, it may be edges of a pattern, where light of
+/// two materials mixes: on the small samples of the simulated rig a fifth to two fifths of the texels.
 const MOST_UNEXPLAINED: f64 = 0.5;
 /// More than this share of the texels with too few samples is told.
 const MOST_TEXELS: f64 = 0.1;
@@ -25,7 +26,8 @@ pub fn unexplained(map: &SbrdfMap) -> Option<Vec<bool>> {
     Some(over_noise.iter().zip(relative).map(|(&times, &share)| times > TIMES && share > SHARE).collect())
 }
 
-/// How many texels noise does not explain, their share and where most of them are; none where there is no such texel.
+/// How many texels noise does not explain, their share and where most of them are; none where there is no
+/// such texel.
 fn unexplained_texels(map: &SbrdfMap) -> Option<(usize, f64, String)> {
     let flags = unexplained(map)?;
     let count = flags.iter().filter(|&&flag| flag).count();
@@ -45,24 +47,28 @@ fn unexplained_texels(map: &SbrdfMap) -> Option<(usize, f64, String)> {
 pub fn unexplained_warning(map: &SbrdfMap) -> Option<Warning> {
     let (count, _, text) = unexplained_texels(map).filter(|(_, share, _)| *share >= MOST_UNEXPLAINED)?;
     let text = format!(
-        "{text}: photographs that do not fit together, or a material that is no sum of so few lobes; see the channel {OVER_NOISE}"
+        "{text}: photographs that do not fit together, or a material that is no sum of so few lobes; see the \
+         channel {OVER_NOISE}"
     );
     Some(Warning { texels: Some(count), ..Warning::new(Kind::UnexplainedTexels, text) })
 }
 
-/// A line about the texels that noise does not explain, where they are too few for a warning; empty where there is none.
+/// A line about the texels that noise does not explain, where they are too few for a warning; empty where
+/// there is none.
 pub fn unexplained_in_words(map: &SbrdfMap) -> String {
     match unexplained_texels(map) {
         Some((_, share, text)) if share < MOST_UNEXPLAINED => {
             format!(
-                "not explained: {text}; edges between materials, or too few lobes; see the channel {OVER_NOISE}\n"
+                "not explained: {text}; edges between materials, or too few lobes; see the channel \
+                 {OVER_NOISE}\n"
             )
         }
         _ => String::new(),
     }
 }
 
-/// Warns where many texels have valid samples, but too few for the lobes that were asked for or may be chosen.
+/// Warns where many texels have valid samples, but too few for the lobes that were asked for or may be
+/// chosen.
 pub fn few_samples(map: &SbrdfMap, options: &FitOptions) -> Option<Warning> {
     let needed = unknowns(options.lobes, options);
     let flags: Vec<bool> =
@@ -74,7 +80,8 @@ pub fn few_samples(map: &SbrdfMap, options: &FitOptions) -> Option<Warning> {
     let lobes = if options.lobes == 1 { "1 lobe".into() } else { format!("{} lobes", options.lobes) };
     let what = if options.choose {
         format!(
-            "have {needed} valid samples or fewer, too few to try {lobes}: --lobes auto chose among fewer there"
+            "have {needed} valid samples or fewer, too few to try {lobes}: --lobes auto chose among fewer \
+             there"
         )
     } else {
         format!("have no more valid samples than {lobes} have unknowns ({needed}) and got fewer lobes")
@@ -125,7 +132,8 @@ fn place(map: &SbrdfMap, flags: &[bool]) -> String {
 mod tests {
     use super::*;
 
-    /// 40 × 20 texels, those of the first `bad` columns with a residual of so many times the noise and this share of the samples.
+    /// 40 × 20 texels, those of the first `bad` columns with a residual of so many times the noise and this
+    /// share of the samples.
     fn map(bad: usize, times: f32, share: f32) -> SbrdfMap {
         let mut map = SbrdfMap::new(40, 20, 1);
         let plane = |value: f32, else_value: f32| -> Vec<f32> {

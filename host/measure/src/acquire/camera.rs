@@ -1,4 +1,5 @@
-//! The camera beside a rig: whatever turns an exposure into a file. And the clock of a rig whose time is not ours.
+//! The camera beside a rig: whatever turns an exposure into a file. And the clock of a rig whose time is not
+//! ours.
 
 use std::path::Path;
 use std::time::{Duration, SystemTime};
@@ -60,8 +61,8 @@ pub enum Arrival {
 
 /// Something that turns an exposure into a file.
 pub trait Camera: Send {
-    /// Before a shot: puts photographs of earlier shots into the folder `aside`. One that is sure to come is waited
-    /// for as long as `patience`.
+    /// Before a shot: puts photographs of earlier shots into the folder `aside`. One that is sure to come is
+    /// waited for as long as `patience`.
     ///
     /// # Errors
     /// When a folder cannot be read or written; on Ctrl-C.

@@ -1,5 +1,5 @@
-//! Checks on the way that the axes have lost no steps: every so many poses, and after the last. Where they have, the poses since the last
-//! check are suspect, and are taken again.
+//! Checks on the way that the axes have lost no steps: every so many poses, and after the last. Where they
+//! have, the poses since the last check are suspect, and are taken again.
 
 use lobelia_protocol::Axis;
 
@@ -9,7 +9,8 @@ use crate::run::journal::Record;
 use lobelia_base::error::{Error, Result};
 use lobelia_base::progress;
 
-/// Suspect poses are taken again so often before the run ends: what makes an axis slip for good needs somebody to look.
+/// Suspect poses are taken again so often before the run ends: what makes an axis slip for good needs
+/// somebody to look.
 const MOST_AGAIN: usize = 1;
 
 /// How many poses the last check has found good.
@@ -21,8 +22,8 @@ pub(super) fn checked(records: &[Record]) -> usize {
     records.iter().rev().find_map(good).unwrap_or(0)
 }
 
-/// Which of the poses before `first_left` no check has found good, of a rig whose controller has lost its positions: homing anew hides
-/// what was lost till then. Nothing where all were checked, or none ever is.
+/// Which of the poses before `first_left` no check has found good, of a rig whose controller has lost its
+/// positions: homing anew hides what was lost till then. Nothing where all were checked, or none ever is.
 pub(super) fn unchecked(rig: &RigConfig, records: &[Record], first_left: usize) -> Option<String> {
     let from = checked(records);
     if rig.motion.check_every_poses == 0 || from >= first_left {
@@ -32,8 +33,8 @@ pub(super) fn unchecked(rig: &RigConfig, records: &[Record], first_left: usize) 
     let (poses, range) =
         if from == last { ("pose", last.to_string()) } else { ("poses", format!("{from}-{last}")) };
     Some(format!(
-        "the controller had lost its positions and was homed anew, so {poses} {range} can't be checked for lost steps any more; where a motor \
-         may have slipped, leave them out by develop --skip-pose {range}"
+        "the controller had lost its positions and was homed anew, so {poses} {range} can't be checked for \
+         lost steps any more; where a motor may have slipped, leave them out by develop --skip-pose {range}"
     ))
 }
 
@@ -44,8 +45,9 @@ impl Steps<'_> {
         every > 0 && done > 0 && (done == self.run.plan.poses.len() || done.is_multiple_of(every))
     }
 
-    /// Looks for the home switches, and goes back to the last of so many poses; gives the next pose to take. Where steps were lost, the rig is
-    /// homed and the poses since the last good check are taken again; twice in a row, and the run ends.
+    /// Looks for the home switches, and goes back to the last of so many poses; gives the next pose to take.
+    /// Where steps were lost, the rig is homed and the poses since the last good check are taken again; twice
+    /// in a row, and the run ends.
     pub(super) fn check(&mut self, done: usize) -> Result<usize> {
         let lost_steps = self.station.client.check_index()?;
         let axes = self.run.rig.configuration()?.axes;
@@ -75,8 +77,8 @@ impl Steps<'_> {
         );
         if self.again == MOST_AGAIN {
             return Err(Error::failure(format!(
-                "{found}, after they were taken again; find what blocks or slips, then `lobelia rig clear`, and acquire --resume takes \
-                 these poses again"
+                "{found}, after they were taken again; find what blocks or slips, then `lobelia rig clear`, \
+                 and acquire --resume takes these poses again"
             )));
         }
         progress::note(&format!("{found}; the rig is homed and they are taken again"));

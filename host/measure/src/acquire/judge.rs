@@ -1,4 +1,5 @@
-//! Judges a photograph when it arrives, so that a wrong one is taken again at once and not found the next morning.
+//! Judges a photograph when it arrives, so that a wrong one is taken again at once and not found the next
+//! morning.
 
 use super::camera::Shot;
 use crate::develop::frame::{Photograph, RawFrame};
@@ -78,7 +79,8 @@ fn judge_dark(config: &RigConfig, frame: &RawFrame, before: &[RawFrame]) -> std:
     // No further try mends that one.
     if let Some(earlier) = before.iter().position(|earlier| dark::outshines(camera, earlier, frame)) {
         return Err(format!(
-            "dark frame {earlier}, taken before it, shows more light than it; keep the camera in the dark and begin the run anew"
+            "dark frame {earlier}, taken before it, shows more light than it; keep the camera in the dark \
+             and begin the run anew"
         ));
     }
     Ok(())

@@ -1,6 +1,7 @@
 //! Runs a plan: moves the rig, fires the camera, and keeps a journal by which a killed run is continued.
 //!
-//! What the journal records is on the disk; what it does not record is done again, so a pose is the unit of loss.
+//! What the journal records is on the disk; what it does not record is done again, so a pose is the unit of
+//! loss.
 
 use std::time::Duration;
 
@@ -47,11 +48,12 @@ fn check_interrupt() -> Result<()> {
     Ok(())
 }
 
-/// Runs what the journal does not record yet. On a real rig a resumed run homes only if the controller lost its
-/// positions; it always drives to the last recorded pose first and goes on from there.
+/// Runs what the journal does not record yet. On a real rig a resumed run homes only if the controller lost
+/// its positions; it always drives to the last recorded pose first and goes on from there.
 ///
 /// # Errors
-/// Failures of the link, the rig, the camera or the disk. The journal holds what was done; `--resume` continues.
+/// Failures of the link, the rig, the camera or the disk. The journal holds what was done; `--resume`
+/// continues.
 pub fn run(run: &RunFolder, journal: &mut Journal, station: &mut Station) -> Result<Acquired> {
     let checked = check::checked(&run.records);
     let mut steps = Steps { run, journal, station, samples: Vec::new(), checked, again: 0 };
@@ -125,7 +127,8 @@ impl Steps<'_> {
     fn prepare(&mut self) -> Result<()> {
         if self.station.client.forgive_lease()? {
             progress::note(
-                "the controller had heard nothing for longer than its lease, stopped and dimmed the lamp; that fault is cleared",
+                "the controller had heard nothing for longer than its lease, stopped and dimmed the lamp; \
+                 that fault is cleared",
             );
         }
         self.station.client.configure(&self.run.rig.configuration()?)?;
@@ -150,8 +153,8 @@ impl Steps<'_> {
         }
     }
 
-    /// Frames without light, at the shortest and the longest exposure, before the lamp is switched on. An earlier program may have
-    /// left it burning.
+    /// Frames without light, at the shortest and the longest exposure, before the lamp is switched on. An
+    /// earlier program may have left it burning.
     fn dark_frames(&mut self) -> Result<()> {
         let camera = &self.run.rig.camera;
         let each = self.run.rig.exposure.dark_frames.max(1);
@@ -194,8 +197,9 @@ impl Steps<'_> {
             let Some(light) = self.run.rig.lamp.lit(exposure.lamp_reading) else { return Ok(exposure) };
             if waited >= AFTERGLOW {
                 let message = format!(
-                    "dark frame {index}: the lamp is switched off, but its photodiode reads {light:.3} of the warm lamp's light; \
-                     look at the lamp and its switch, and keep other light from the photodiode"
+                    "dark frame {index}: the lamp is switched off, but its photodiode reads {light:.3} of \
+                     the warm lamp's light; look at the lamp and its switch, and keep other light from the \
+                     photodiode"
                 );
                 return Err(Error::failure(message));
             }
@@ -278,14 +282,16 @@ impl Steps<'_> {
         Ok(())
     }
 
-    /// A frame as `develop` takes it: its exposure is the controller's, whatever the EXIF block says or leaves out.
+    /// A frame as `develop` takes it: its exposure is the controller's, whatever the EXIF block says or
+    /// leaves out.
     fn raw_frame(&self, exposure: &ExposureRecord) -> Result<RawFrame> {
         let photograph = frame::read_photograph(&self.run.path.join(&exposure.file))?;
         let (width, height) = (photograph.width, photograph.height);
         Ok(RawFrame { width, height, values: photograph.values, exposure_s: exposure.open_s })
     }
 
-    /// Counts the samples of a pose; says so when for the first time most of them are clipped, since a run takes hours.
+    /// Counts the samples of a pose; says so when for the first time most of them are clipped, since a run
+    /// takes hours.
     fn count(&mut self, index: usize, frames: &[RawFrame]) {
         const MOST: f64 = 0.5;
         let counts = frames::samples(&self.run.rig, &self.run.plan.angles(index), frames);

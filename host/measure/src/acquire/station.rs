@@ -64,11 +64,12 @@ impl Station {
         }
     }
 
-    /// Takes a photograph into `file`, which appears whole or not at all. One that is wrong, late or lost is put aside and the shot
-    /// repeated a few times.
+    /// Takes a photograph into `file`, which appears whole or not at all. One that is wrong, late or lost is
+    /// put aside and the shot repeated a few times.
     ///
     /// # Errors
-    /// Failures of the rig; when no try gave a right photograph, with what was wrong with the last; on Ctrl-C.
+    /// Failures of the rig; when no try gave a right photograph, with what was wrong with the last; on
+    /// Ctrl-C.
     pub(super) fn photograph(
         &mut self,
         config: &RigConfig,

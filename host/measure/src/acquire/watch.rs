@@ -1,7 +1,9 @@
-//! A folder into which other software stores photographs: which files are new, whole and of the shot just made.
+//! A folder into which other software stores photographs: which files are new, whole and of the shot just
+//! made.
 //!
-//! A file counts as whole when its size and its time of change have stood still for a while and it reads as a frame; it is of the shot
-//! when it passes the [judge](super::judge) and the camera's clock does not say otherwise. What was there before the run is left alone.
+//! A file counts as whole when its size and its time of change have stood still for a while and it reads as a
+//! frame; it is of the shot when it passes the [judge](super::judge) and the camera's clock does not say
+//! otherwise. What was there before the run is left alone.
 
 use std::collections::{HashMap, HashSet};
 use std::fs;
@@ -42,8 +44,9 @@ pub struct WatchedFolder {
 }
 
 impl Camera for WatchedFolder {
-    /// Before a shot: what is there at the run's start is left alone; photographs that came too late for an earlier shot are put
-    /// into the folder `aside`. One that is sure to come is waited for as long as `patience`.
+    /// Before a shot: what is there at the run's start is left alone; photographs that came too late for an
+    /// earlier shot are put into the folder `aside`. One that is sure to come is waited for as long as
+    /// `patience`.
     ///
     /// # Errors
     /// When a folder cannot be read or written; on Ctrl-C.
@@ -96,8 +99,8 @@ impl WatchedFolder {
         })
     }
 
-    /// Waits for the photograph of a shot that began at `began` and moves it to `file`. `judge` says what is wrong with one; wrong ones
-    /// go into the folder `aside`, each with its reason.
+    /// Waits for the photograph of a shot that began at `began` and moves it to `file`. `judge` says what is
+    /// wrong with one; wrong ones go into the folder `aside`, each with its reason.
     ///
     /// # Errors
     /// When a folder cannot be read or written, on Ctrl-C, and for JPEG files instead of frames.
@@ -166,7 +169,8 @@ impl WatchedFolder {
                     }
                 }
             }
-            // Of several that are right, the one taken nearest to the shot; the others are put aside before the next shot.
+            // Of several that are right, the one taken nearest to the shot; the others are put aside before
+            // the next shot.
             found.sort_by(|a, b| a.0.total_cmp(&b.0).then_with(|| a.1.cmp(&b.1)));
             if let Some((_, path, bytes, taken_s)) = found.into_iter().next() {
                 files::write_bytes(file, &bytes)?;
@@ -275,8 +279,8 @@ impl WatchedFolder {
         self.known.remove(path);
     }
 
-    /// Puts a photograph into the folder `aside` under a name of its own and notes why; what is no photograph is left where it is, and
-    /// a second copy of one that was taken is removed. Whether it was a photograph.
+    /// Puts a photograph into the folder `aside` under a name of its own and notes why; what is no photograph
+    /// is left where it is, and a second copy of one that was taken is removed. Whether it was a photograph.
     fn put_aside(&mut self, path: &Path, aside: &Path, why: &str) -> Result<bool> {
         let Some(bytes) = self.read_still(path)? else { return Ok(false) };
         if frame::decode(&bytes, path).is_err() && !frame::is_turned(&bytes) {
@@ -335,8 +339,8 @@ fn remove(path: &Path) -> Result<()> {
     }
 }
 
-/// The camera's clock against the host's, from the photographs that were taken so far. A camera's clock may stand still or be of
-/// another time zone: it is believed once it has been seen to run along.
+/// The camera's clock against the host's, from the photographs that were taken so far. A camera's clock may
+/// stand still or be of another time zone: it is believed once it has been seen to run along.
 #[derive(Debug, Clone, Copy, Default)]
 struct CameraClock {
     /// The most that the camera's time was ahead of a shot's beginning, s.
@@ -361,7 +365,8 @@ impl CameraClock {
         self.ahead_s = Some(self.ahead_s.map_or(ahead, |most| most.max(ahead)));
     }
 
-    /// By how much a photograph was taken after (or, below 0, before) a shot began; 0 while the clocks have not met.
+    /// By how much a photograph was taken after (or, below 0, before) a shot began; 0 while the clocks have
+    /// not met.
     fn off(&self, began_s: f64, (taken_s, _): (f64, f64)) -> f64 {
         self.ahead_s.map_or(0.0, |ahead| taken_s - began_s - ahead)
     }

@@ -107,7 +107,8 @@ fn a_preallocated_file_is_taken_when_it_is_filled() {
     assert_eq!((arrival, place.taken()), (Arrival::Taken, Some(bytes)));
 }
 
-/// Software that writes under one name and renames at any moment while the file is looked at, read or removed.
+/// Software that writes under one name and renames at any moment while the file is looked at, read or
+/// removed.
 #[test]
 fn a_file_that_is_renamed_at_any_moment_is_taken_once_and_fails_nothing() {
     std::thread::scope(|scope| {
@@ -219,7 +220,8 @@ fn a_file_that_stays_unfinished_is_never_taken_and_said_so() {
     let mut place = Place::new(700);
     let arrival = with_camera(&mut place, |at| fs::write(at("half.tiff"), &frame(1)[..60]).unwrap());
     assert!(
-        matches!(&arrival, Arrival::Missing { why, again: true } if why.contains("half.tiff: the frame is truncated")),
+        matches!(&arrival, Arrival::Missing { why, again: true } if why.contains("half.tiff: the frame is \
+             truncated")),
         "{arrival:?}"
     );
     let unfinished = |_: &Photograph| Err(Fault::Unfinished("14 % of its values are 0".into()));

@@ -1,4 +1,5 @@
-//! The camera's projection: pinhole and Brown–Conrady distortion, both ways. Pixel (0, 0) is the first pixel's centre.
+//! The camera's projection: pinhole and Brown–Conrady distortion, both ways. Pixel (0, 0) is the first
+//! pixel's centre.
 
 use glam::{DVec2, DVec3};
 

@@ -1,7 +1,8 @@
-//! Whether a dark frame was taken in the dark: it shows no tags, and no more light than those of its exposure or of a longer one.
+//! Whether a dark frame was taken in the dark: it shows no tags, and no more light than those of its exposure
+//! or of a longer one.
 //!
-//! Light that is taken for the sensor's own signal is subtracted from every photograph. The photodiode tells of a burning lamp, not of
-//! a photograph that got into a dark frame's place.
+//! Light that is taken for the sensor's own signal is subtracted from every photograph. The photodiode tells
+//! of a burning lamp, not of a photograph that got into a dark frame's place.
 
 use super::frame::RawFrame;
 use super::radiance::read_variance;
@@ -20,7 +21,8 @@ const DRIFT: f64 = 0.1;
 /// The mean of a frame may drift besides by so many standard deviations of one value.
 const MEAN_DRIFT: f64 = 2.0;
 
-/// A frame is brighter than another when more than this share of its values are: some change by themselves, from frame to frame.
+/// A frame is brighter than another when more than this share of its values are: some change by themselves,
+/// from frame to frame.
 const MOST_BRIGHTER: f64 = 0.01;
 
 /// Why a frame that should be dark is not, by itself.
@@ -32,7 +34,8 @@ pub(crate) fn shows_tags(config: &RigConfig, frame: &RawFrame) -> Option<String>
     })
 }
 
-/// Whether the first of two dark frames has more than the second, which was exposed for as long or longer: light fell on it.
+/// Whether the first of two dark frames has more than the second, which was exposed for as long or longer:
+/// light fell on it.
 pub(crate) fn outshines(camera: &Camera, frame: &RawFrame, other: &RawFrame) -> bool {
     if frame.exposure_s > other.exposure_s || frame.values.len() != other.values.len() {
         return false;

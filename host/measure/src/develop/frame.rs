@@ -120,7 +120,8 @@ fn fine(whole_s: f64, fraction: Option<&Vec<u8>>) -> (f64, f64) {
     digits.map_or((whole_s, 1.0), |fraction| (whole_s + fraction, 0.1))
 }
 
-/// Seconds of a date since 0000-03-01 in the proleptic Gregorian calendar (Richards 2013, days from a civil date).
+/// Seconds of a date since 0000-03-01 in the proleptic Gregorian calendar (Richards 2013, days from a civil
+/// date).
 fn seconds(date: &exif::DateTime) -> f64 {
     let (year, month, day) = (i64::from(date.year), i64::from(date.month), i64::from(date.day));
     let (year, month) = if month < 3 { (year - 1, month + 9) } else { (year, month - 3) };
@@ -134,7 +135,8 @@ fn seconds(date: &exif::DateTime) -> f64 {
 }
 
 impl ExifExposure {
-    /// Whether a photograph that says that it was exposed for `exif_s` can be of a shutter that was open for `open_s`.
+    /// Whether a photograph that says that it was exposed for `exif_s` can be of a shutter that was open for
+    /// `open_s`.
     ///
     /// # Errors
     /// A sentence's end that says why not.
@@ -155,8 +157,8 @@ impl ExifExposure {
         if ratio.max(1.0 / ratio) > most * (1.0 + 1e-6) {
             let weaker = if self == Self::Exact { "\"nominal\" for nominal speeds" } else { "\"ignore\"" };
             return Err(format!(
-                "its EXIF exposure is {exif_s} s, the controller opened the shutter for {open_s} s, which is more than {rule} \
-                 speeds differ; {hint} {weaker}"
+                "its EXIF exposure is {exif_s} s, the controller opened the shutter for {open_s} s, which is \
+                 more than {rule} speeds differ; {hint} {weaker}"
             ));
         }
         Ok(())
@@ -250,7 +252,8 @@ mod tests {
         assert_eq!(taken, (at("2000:01:01 00:00:05"), 1.0));
     }
 
-    /// The speeds that cameras write (ISO 2720's series is powers of two; what is engraved is not) against what they do.
+    /// The speeds that cameras write (ISO 2720's series is powers of two; what is engraved is not) against
+    /// what they do.
     #[test]
     fn nominal_speeds_are_taken_for_what_they_stand_for_and_a_third_of_a_stop_is_the_end_of_it() {
         use ExifExposure::{Exact, Ignore, Nominal};

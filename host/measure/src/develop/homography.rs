@@ -1,4 +1,5 @@
-//! The homography from the sample's plane to normalised image coordinates, by least squares on fiducial corners (3.6).
+//! The homography from the sample's plane to normalised image coordinates, by least squares on fiducial
+//! corners (3.6).
 
 use glam::{DMat3, DVec2, DVec3};
 
@@ -51,7 +52,8 @@ impl Homography {
         Some(Self { matrix: from_image * as_matrix(&h) * into_plane })
     }
 
-    /// The matrix that takes (x, y, 1), mm, to normalised image coordinates times their depth, up to a factor.
+    /// The matrix that takes (x, y, 1), mm, to normalised image coordinates times their depth, up to a
+    /// factor.
     pub(super) fn matrix(&self) -> DMat3 {
         self.matrix
     }

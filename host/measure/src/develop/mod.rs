@@ -1,4 +1,5 @@
-//! Photographs to reflectance: brackets to radiance, registration by fiducials, resampling to texels, (3.9) and (3.10).
+//! Photographs to reflectance: brackets to radiance, registration by fiducials, resampling to texels, (3.9)
+//! and (3.10).
 
 use std::collections::BTreeSet;
 use std::path::Path;
@@ -16,7 +17,7 @@ use lobelia_base::error::{Error, Result};
 use lobelia_base::memory;
 use lobelia_base::progress;
 use lobelia_reflectance::sampled::{
-    Attributes, CLIPPED_KEY, PoseGeometry, SampledSbrdf, Window, texel_position_mm,
+    APERTURE_KEY, Attributes, CLIPPED_KEY, PoseGeometry, SampledSbrdf, Window, texel_position_mm,
 };
 use lobelia_reflectance::warning::samples::PoseSamples;
 
@@ -53,6 +54,8 @@ pub struct Developed {
     pub common_fault: Option<String>,
     /// Frames that were left out because they are damaged, and why.
     pub left_out: Vec<String>,
+    /// Area of the lamp's aperture, mm².
+    pub lamp_aperture_mm2: f64,
 }
 
 /// One developed pose: its geometry, its registration and its texels.
@@ -84,13 +87,14 @@ pub struct Options {
 /// Develops a complete run. Poses whose photographs cannot be registered get weight 0 and no samples.
 ///
 /// # Errors
-/// Input errors for missing, truncated or mismatched frames, naming pose and file; for an unfinished run; and when no
-/// pose at all can be registered.
+/// Input errors for missing, truncated or mismatched frames, naming pose and file; for an unfinished run; and
+/// when no pose at all can be registered.
 pub fn run(folder: &Path) -> Result<Developed> {
     run_with(folder, &Options::default())
 }
 
-/// Develops a run otherwise than its own files say. Poses that are left out get weight 0 and no samples, so that all keep their numbers.
+/// Develops a run otherwise than its own files say. Poses that are left out get weight 0 and no samples, so
+/// that all keep their numbers.
 ///
 /// # Errors
 /// As [`run`], but for what the options allow.
@@ -99,7 +103,8 @@ pub fn run_with(folder: &Path, options: &Options) -> Result<Developed> {
     let photographs = Photographs::open_with(folder, options)?;
     let config = &photographs.run.rig;
     if config.carrier.cylinder_radius_mm.is_some() {
-        let message = "the sample is bent over a cylinder (rig.toml: carrier.cylinder_radius_mm), only a flat one can be developed";
+        let message = "the sample is bent over a cylinder (rig.toml: carrier.cylinder_radius_mm), only a \
+             flat one can be developed";
         return Err(Error::input(format!("{}: {message}", folder.display())));
     }
 
@@ -134,17 +139,23 @@ pub fn run_with(folder: &Path, options: &Options) -> Result<Developed> {
             _ => "all poses are left out, so there is nothing to develop".to_string(),
         }));
     }
-    Ok(Developed { sampled, registrations, samples, common_fault, left_out: photographs.left_out() })
+    let lamp_aperture_mm2 = photographs.run.rig.lamp.aperture_mm2();
+    let left_out = photographs.left_out();
+    Ok(Developed { sampled, registrations, samples, common_fault, left_out, lamp_aperture_mm2 })
 }
 
 impl Developed {
-    /// What the store of the samples says of them: the share that is clipped, a pose.
+    /// What the store of the samples says of them: the share that is clipped, a pose, and the lamp's
+    /// aperture.
     pub fn attributes(&self) -> Attributes {
         let mut shares = vec![0.0; self.sampled.poses.len()];
         for (pose, samples) in &self.samples {
             shares[*pose] = samples.clipped_share();
         }
-        Attributes::from([(CLIPPED_KEY.to_string(), shares.into())])
+        Attributes::from([
+            (CLIPPED_KEY.to_string(), shares.into()),
+            (APERTURE_KEY.to_string(), self.lamp_aperture_mm2.into()),
+        ])
     }
 }
 
@@ -266,7 +277,8 @@ impl Photographs {
         let registration = match radiance::contradiction(camera, &self.dark, &bracket) {
             Some((first, second)) => {
                 let why = format!(
-                    "{} and {} do not show the same, so one of them is another pose's or has another exposure than it says",
+                    "{} and {} do not show the same, so one of them is another pose's or has another \
+                     exposure than it says",
                     exposures[first].file, exposures[second].file
                 );
                 let shown = bracket.iter().map(|one| registration::shown(&self.run.rig, &one.frame, &angles));
@@ -340,8 +352,8 @@ fn nothing(why: String) -> Photographed {
     (MosaicRadiance { width: 0, height: 0, data: Vec::new(), variance: Vec::new() }, Err(why.into()))
 }
 
-/// The exposures of every pose of the plan, in the plan's order, as the journal has them; none of a pose that is not photographed, or not
-/// where the plan has it.
+/// The exposures of every pose of the plan, in the plan's order, as the journal has them; none of a pose that
+/// is not photographed, or not where the plan has it.
 ///
 /// # Errors
 /// Input errors for a pose that is not in the plan.
@@ -381,14 +393,15 @@ fn recorded_poses(
     let missing = (0..count).filter(|index| named[*index].is_err() && !options.skip.contains(index)).count();
     if missing > 0 && !options.partial {
         let message = format!(
-            "{missing} of {count} poses are not recorded; continue the run with --resume, or develop what is there with --partial"
+            "{missing} of {count} poses are not recorded; continue the run with --resume, or develop what is \
+             there with --partial"
         );
         return Err(Error::input(format!("{}: {message}", run.path.display())));
     }
     // Where the light's arm stood no tag tells.
     if !run.finished() && !options.partial {
-        let message = "every pose is recorded, but not that the run ended, before which the axes are checked; continue it with --resume, or \
-                       develop it as it is with --partial";
+        let message = "every pose is recorded, but not that the run ended, before which the axes are \
+             checked; continue it with --resume, or develop it as it is with --partial";
         return Err(Error::input(format!("{}: {message}", run.path.display())));
     }
     Ok(named)
@@ -450,8 +463,8 @@ fn lit_frames(config: &RigConfig, frames: &[(&ExposureRecord, RawFrame)]) -> Vec
 fn dark_frame(run: &RunFolder, exposure: &ExposureRecord) -> Result<RawFrame> {
     if let Some(light) = run.rig.lamp.lit(exposure.lamp_reading) {
         let message = format!(
-            "{}: the lamp burnt while this dark frame was taken, at {light:.3} of its warm light by its photodiode; \
-             acquire the run again",
+            "{}: the lamp burnt while this dark frame was taken, at {light:.3} of its warm light by its \
+             photodiode; acquire the run again",
             run.path.join(&exposure.file).display()
         );
         return Err(Error::input(message));

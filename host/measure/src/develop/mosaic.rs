@@ -1,7 +1,8 @@
 //! Mosaics in TIFF files: grey values of 16 bits, plain or deflated or in LZW, and of 10 to 14 bits packed.
 //!
-//! A mosaic's photometric interpretation is 32803 (TIFF/EP, colour filter array) or that of grey. The tiff crate knows the one of grey
-//! alone, so a copy of the file is given to it that says so. It does not read packed bits; those are unpacked here.
+//! A mosaic's photometric interpretation is 32803 (TIFF/EP, colour filter array) or that of grey. The tiff
+//! crate knows the one of grey alone, so a copy of the file is given to it that says so. It does not read
+//! packed bits; those are unpacked here.
 
 use std::io::Cursor;
 
@@ -46,7 +47,8 @@ pub(super) fn is_turned(bytes: &[u8]) -> bool {
 /// Reads the first image of a file.
 ///
 /// # Errors
-/// Half a sentence for a file that is cut short, no TIFF, turned, compressed in a way that is not read, or no mosaic.
+/// Half a sentence for a file that is cut short, no TIFF, turned, compressed in a way that is not read, or no
+/// mosaic.
 pub(super) fn read(bytes: &[u8]) -> Result<Mosaic, String> {
     if bytes.starts_with(b"II+\0") || bytes.starts_with(b"MM\0+") {
         return Err("the frame is a BigTIFF, which is not read; store it as a TIFF".into());
@@ -55,8 +57,8 @@ pub(super) fn read(bytes: &[u8]) -> Result<Mosaic, String> {
     let directory = Directory::first(bytes).ok_or_else(broken)?;
     if let Some(turned) = directory.number(ORIENTATION).filter(|&value| value > 1) {
         return Err(format!(
-            "its Orientation is {turned}, so its rows are not the sensor's as they lie; switch off the rotation of photographs in \
-             the camera or its software"
+            "its Orientation is {turned}, so its rows are not the sensor's as they lie; switch off the \
+             rotation of photographs in the camera or its software"
         ));
     }
     let compression = directory.number(COMPRESSION).unwrap_or(1);
@@ -76,13 +78,16 @@ pub(super) fn read(bytes: &[u8]) -> Result<Mosaic, String> {
         (bits @ (10 | 12 | 14), 1) => match how {
             None => packed(bytes, &directory, bits as usize).ok_or_else(broken),
             Some(how) => Err(format!(
-                "its {bits}-bit pixels are compressed by {how}, which is not read together; store them uncompressed or in 16 bits"
+                "its {bits}-bit pixels are compressed by {how}, which is not read together; store them \
+                 uncompressed or in 16 bits"
             )),
         },
         // The first image of a raw file is a small view of it.
-        _ if [SUB_IMAGES, DNG_VERSION].iter().any(|&tag| directory.entry(tag).is_some()) => Err(
-            "a camera's raw file (as DNG or NEF), which is not read; have it converted to a TIFF of the mosaic, 16 bits a value".into(),
-        ),
+        _ if [SUB_IMAGES, DNG_VERSION].iter().any(|&tag| directory.entry(tag).is_some()) => {
+            Err("a camera's raw file (as DNG or NEF), which is not read; have it converted to a TIFF of the \
+             mosaic, 16 bits a value"
+                .into())
+        }
         (bits, samples) => Err(format!(
             "not a mosaic of 16, 14, 12 or 10 bits: it has {samples} values of {bits} bits a pixel"
         )),
@@ -139,7 +144,8 @@ fn whole(bytes: &[u8], directory: &Directory<'_>) -> Result<Mosaic, String> {
     Ok(Mosaic { width, height, values })
 }
 
-/// A mosaic of packed values, the highest bit first, each row from a byte of its own on; none where the file is too short for it.
+/// A mosaic of packed values, the highest bit first, each row from a byte of its own on; none where the file
+/// is too short for it.
 fn packed(bytes: &[u8], directory: &Directory<'_>, bits: usize) -> Option<Mosaic> {
     let [width, height] = [WIDTH, HEIGHT].map(|tag| directory.number(tag));
     let (width, height) = (width? as usize, height? as usize);
@@ -204,8 +210,8 @@ impl<'a> Directory<'a> {
         Some(if self.big_endian { u32::from_be_bytes(four) } else { u32::from_le_bytes(four) })
     }
 
-    /// The entry of a tag, where its type is that of a whole number of two or four bytes: that size, how many there are, and where the
-    /// first stands.
+    /// The entry of a tag, where its type is that of a whole number of two or four bytes: that size, how many
+    /// there are, and where the first stands.
     fn entry(&self, tag: u16) -> Option<(usize, usize, usize)> {
         let mut entries = (self.begin..self.end).step_by(12);
         let entry = entries.find(|&entry| self.short(entry) == Some(u32::from(tag)))?;
@@ -248,8 +254,8 @@ mod tests {
         std::fs::read(folder.join(name)).unwrap()
     }
 
-    /// The files of tests/cases/tiff were written by tifffile for Python: 7 × 5 pixels, pixel k of 600 + 97 k, with the photometric
-    /// interpretation of a colour filter array.
+    /// The files of tests/cases/tiff were written by tifffile for Python: 7 × 5 pixels, pixel k of 600 + 97
+    /// k, with the photometric interpretation of a colour filter array.
     #[test]
     fn mosaics_of_a_filter_array_are_read_in_either_byte_order_compressed_and_packed() {
         for name in ["cfa.tif", "cfa-big-endian.tif", "cfa-lzw.tif", "cfa-deflate.tif", "cfa-12bit.tif"] {

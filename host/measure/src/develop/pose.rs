@@ -1,7 +1,8 @@
 //! The sample's pose from its fiducials, wherever they know it better than the motors do.
 //!
-//! The most probable pan, tilt and roll, and displacement of the carrier, given the corners seen and the motors' stated
-//! repeatability: Gauss–Newton on reprojection errors and on the motors' deviations, each divided by its standard deviation.
+//! The most probable pan, tilt and roll, and displacement of the carrier, given the corners seen and the
+//! motors' stated repeatability: Gauss–Newton on reprojection errors and on the motors' deviations, each
+//! divided by its standard deviation.
 
 use glam::{DVec2, DVec3};
 
@@ -20,7 +21,8 @@ const UNIFORM_SIGMA: f64 = 0.577_350_269_189_625_8;
 /// Unknowns: pan, tilt, roll in units of their standard deviation, then the displacement in units of its own.
 type Unknowns = [f64; 6];
 
-/// The most probable pose for the commanded `angles`; `None` when the equations break down (wildly wrong corners).
+/// The most probable pose for the commanded `angles`; `None` when the equations break down (wildly wrong
+/// corners).
 pub fn estimate(config: &RigConfig, angles: &MotorAngles, corners: &[Correspondence]) -> Option<SamplePose> {
     let mut unknowns: Unknowns = [0.0; 6];
     for _ in 0..10 {

@@ -1,4 +1,5 @@
-//! Brackets to radiance (3.4): dark signal subtracted, lamp reading divided out, exposures summed where unsaturated.
+//! Brackets to radiance (3.4): dark signal subtracted, lamp reading divided out, exposures summed where
+//! unsaturated.
 
 use super::frame::RawFrame;
 use crate::rig::config::Camera;
@@ -57,7 +58,8 @@ impl DarkSignal {
         self.short[index] + self.per_second[index] * (seconds - self.short_s) as f32
     }
 
-    /// Variance of the sum of what [`Self::at`] gives for `exposures` of together `seconds`, for frames of a variance of `read` each.
+    /// Variance of the sum of what [`Self::at`] gives for `exposures` of together `seconds`, for frames of a
+    /// variance of `read` each.
     fn variance(&self, read: f64, exposures: usize, seconds: f64) -> f64 {
         // The sum is a share of the short frames' mean and one of the long frames'.
         let beyond = seconds - exposures as f64 * self.short_s;
@@ -86,8 +88,8 @@ pub struct BracketedFrame {
     pub lamp_relative: f64,
 }
 
-/// Radiance at every pixel of the mosaic, each in its filter's colour, for the nominal lamp. NaN where every exposure
-/// is saturated.
+/// Radiance at every pixel of the mosaic, each in its filter's colour, for the nominal lamp. NaN where every
+/// exposure is saturated.
 #[derive(Debug, Clone, PartialEq)]
 pub struct MosaicRadiance {
     /// Columns.
@@ -96,7 +98,8 @@ pub struct MosaicRadiance {
     pub height: usize,
     /// Row by row.
     pub data: Vec<f32>,
-    /// Variance of every value by shot and read noise, those of the dark frames included; empty where that is not known.
+    /// Variance of every value by shot and read noise, those of the dark frames included; empty where that is
+    /// not known.
     pub variance: Vec<f32>,
 }
 
@@ -108,10 +111,12 @@ pub fn bayer_channel(x: usize, y: usize) -> usize {
     [0, 1, 1, 2][2 * (y % 2) + x % 2]
 }
 
-/// Two exposures of a bracket disagree at a pixel that differs by more than this part of the brighter, noise apart.
+/// Two exposures of a bracket disagree at a pixel that differs by more than this part of the brighter, noise
+/// apart.
 const DISAGREEMENT: f64 = 0.2;
 
-/// A bracket is contradictory when more than this share of the pixels that can be compared disagree: edges do when the rig shakes.
+/// A bracket is contradictory when more than this share of the pixels that can be compared disagree: edges do
+/// when the rig shakes.
 const MOST_DISAGREEING: f64 = 0.25;
 
 /// Two exposures can be told to be dark and light where noise is below this part of the brighter.
@@ -123,8 +128,8 @@ const LIKE: std::ops::RangeInclusive<f64> = 0.5..=2.0;
 /// Fewer pixels than this say nothing.
 const LEAST_COMPARED: usize = 200;
 
-/// The two exposures of a bracket that do not show the same thing, where there are such: one of them is the photograph of another
-/// pose, or was not exposed for as long as is said.
+/// The two exposures of a bracket that do not show the same thing, where there are such: one of them is the
+/// photograph of another pose, or was not exposed for as long as is said.
 pub fn contradiction(
     camera: &Camera,
     dark: &DarkSignal,
@@ -142,7 +147,8 @@ pub fn contradiction(
         (value < limit).then_some((signal / time, noise.sqrt() / time))
     };
     let contradict = |first: &BracketedFrame, second: &BracketedFrame| {
-        // Where a difference of a fifth would show, and where at least darkness in one and light in the other would.
+        // Where a difference of a fifth would show, and where at least darkness in one and light in the other
+        // would.
         let (mut fine, mut coarse) = ([0_usize; 2], [0_usize; 2]);
         for k in 0..first.frame.values.len().min(second.frame.values.len()) {
             let (Some((a, noise_a)), Some((b, noise_b))) = (seen(k, first), seen(k, second)) else {
@@ -169,9 +175,10 @@ pub fn contradiction(
     })
 }
 
-/// How much of what the longer of two exposures shows is in the shorter one too: the slope of the regression of the one's values on what the
-/// other predicts, 1 of one scene and 0 of darkness. Pixels that are below their noise, each by itself, tell it together, and a level
-/// that is off does not matter. `None` where they do not tell it.
+/// How much of what the longer of two exposures shows is in the shorter one too: the slope of the regression
+/// of the one's values on what the other predicts, 1 of one scene and 0 of darkness. Pixels that are below
+/// their noise, each by itself, tell it together, and a level that is off does not matter. `None` where they
+/// do not tell it.
 fn likeness(
     camera: &Camera,
     dark: &DarkSignal,
@@ -220,8 +227,8 @@ pub(crate) fn read_variance(camera: &Camera) -> f64 {
     (camera.read_noise_e / camera.electrons_per_value).powi(2) + QUANTISATION
 }
 
-/// Merges a bracket. The unsaturated exposures' values are summed and divided by their summed times, which is the
-/// estimate of least variance when shot noise rules.
+/// Merges a bracket. The unsaturated exposures' values are summed and divided by their summed times, which is
+/// the estimate of least variance when shot noise rules.
 ///
 /// # Errors
 /// Without frames, or with frames of another size than the camera's.
@@ -308,7 +315,8 @@ mod tests {
         }
     }
 
-    /// A warm sensor: the frames are black level plus rate times exposure, whatever two exposures the dark frames had.
+    /// A warm sensor: the frames are black level plus rate times exposure, whatever two exposures the dark
+    /// frames had.
     #[test]
     fn the_dark_signal_is_the_black_level_and_the_dark_current_of_the_exposure_once() {
         let camera = Camera { width: 4, height: 2, ..camera() };
@@ -364,13 +372,13 @@ mod tests {
         assert_eq!(check(scene(0.5, 5, 1.0)), Some((0, 1)), "another pose");
         assert_eq!(check(scene(0.5, 0, 0.5)), Some((0, 1)), "half as long as is said");
         assert_eq!(contradiction(&camera, &dark, &[scene(0.05, 0, 1.0)]), None);
-        // A frame late: darkness in the place of the short exposure, and that in the place of the long one. The exposures are those that
-        // the controller made for each place.
+        // A frame late: darkness in the place of the short exposure, and that in the place of the long one.
+        // The exposures are those that the controller made for each place.
         let late =
             [BracketedFrame { frame: frame(&camera, 0.05, 0.0), lamp_relative: 1.0 }, scene(0.5, 0, 0.1)];
         assert_eq!(contradiction(&camera, &dark, &late), Some((0, 1)), "darkness and light");
-        // So much longer a second exposure that no pixel of the first tells darkness from light by itself, and a dark frame that was
-        // exposed for longer, so that its level is off.
+        // So much longer a second exposure that no pixel of the first tells darkness from light by itself,
+        // and a dark frame that was exposed for longer, so that its level is off.
         let [short, long] = [scene(0.02, 0, 1.0), scene(0.4, 0, 0.05)];
         let dark_frame = RawFrame { exposure_s: 0.02, ..frame(&camera, 2.0, 0.0) };
         let late = [BracketedFrame { frame: dark_frame, lamp_relative: 1.0 }, long];
@@ -385,8 +393,8 @@ mod tests {
         assert!(merge(&camera, &dark(&camera), &shots).unwrap_err().to_string().contains("lamp"));
     }
 
-    /// Stated variances against the spread of 400 captures, each with dark frames of its own, that the simulator's sensor makes of one
-    /// scene; resampled values between pixels.
+    /// Stated variances against the spread of 400 captures, each with dark frames of its own, that the
+    /// simulator's sensor makes of one scene; resampled values between pixels.
     #[test]
     fn stated_variances_are_the_spread_of_repeated_captures() {
         use crate::develop::resample::BayerPlanes;

@@ -5,8 +5,8 @@ use glam::DVec3;
 use crate::rig::config::RigConfig;
 use lobelia_reflectance::sampled::PoseGeometry;
 
-/// Irradiance divided by the lamp's radiance at a point of the sample's plane, sr: cosθ_i dω_i with dω_i = A_s / r²
-/// (3.10). Zero when the light is below the plane.
+/// Irradiance divided by the lamp's radiance at a point of the sample's plane, sr: cosθ_i dω_i with dω_i =
+/// A_s / r² (3.10). Zero when the light is below the plane.
 pub fn irradiance_factor(config: &RigConfig, geometry: &PoseGeometry, position_mm: DVec3) -> f64 {
     let (toward, solid_angle) = light_from(config, geometry, position_mm);
     toward.z.max(0.0) * solid_angle

@@ -1,4 +1,5 @@
-//! One photograph's registration: fiducials found, homography to the sample's plane, and the sample's pose (3.6).
+//! One photograph's registration: fiducials found, homography to the sample's plane, and the sample's pose
+//! (3.6).
 
 use std::fmt;
 
@@ -44,7 +45,8 @@ impl Registration {
 pub struct Unregistered {
     /// A sentence.
     pub why: String,
-    /// Where its tags put the sample, if they show it where the motors cannot have put it: another pose, most likely.
+    /// Where its tags put the sample, if they show it where the motors cannot have put it: another pose, most
+    /// likely.
     pub elsewhere: Option<SeenPose>,
     /// What each of its exposures shows by itself, where they do not show the same.
     pub contradictory: Vec<Shown>,
@@ -82,8 +84,8 @@ impl From<&str> for Unregistered {
 /// Registers a photograph taken with the motors at `angles`.
 ///
 /// # Errors
-/// A sentence when too few tags are seen, their corners contradict each other, or they show the sample where the motors
-/// cannot have put it.
+/// A sentence when too few tags are seen, their corners contradict each other, or they show the sample where
+/// the motors cannot have put it.
 #[expect(clippy::result_large_err, reason = "as large as a registration, of which a pose has one")]
 pub fn register(
     config: &RigConfig,
@@ -109,7 +111,8 @@ pub fn register(
     Ok(Registration { homography, pose, tags: seen.len(), residual_mm })
 }
 
-/// Registers one exposure, as [`register`] does, without the dark frames: their part is small where tags are seen.
+/// Registers one exposure, as [`register`] does, without the dark frames: their part is small where tags are
+/// seen.
 ///
 /// # Errors
 /// As [`register`].
@@ -159,8 +162,8 @@ fn without_dark_frames(config: &RigConfig, frame: &RawFrame) -> MosaicRadiance {
 fn contradiction(angles: &MotorAngles, difference: &Difference) -> String {
     let [pan, tilt, roll, _] = angles.to_degrees();
     format!(
-        "the tags show the sample turned by {:.1}° from where the motors had it (pan {pan:.1}°, tilt {tilt:.1}°, roll {roll:.1}°), \
-         which is more than the axes' repeatability_deg allows",
+        "the tags show the sample turned by {:.1}° from where the motors had it (pan {pan:.1}°, tilt \
+         {tilt:.1}°, roll {roll:.1}°), which is more than the axes' repeatability_deg allows",
         difference.angle.to_degrees()
     )
 }
@@ -198,7 +201,8 @@ fn correspondences(config: &RigConfig, seen: &[Detection]) -> Vec<Correspondence
     seen.iter().filter_map(of_tag).flatten().collect()
 }
 
-/// The tags that lie on one plane as the carrier has them, those that were missed or found in a false place among them, and the homography.
+/// The tags that lie on one plane as the carrier has them, those that were missed or found in a false place
+/// among them, and the homography.
 fn true_tags(
     config: &RigConfig,
     image: &GrayImage,
@@ -209,7 +213,8 @@ fn true_tags(
     fit(config, kept)
 }
 
-/// Fits the homography and gives the tags that lie where it says; those that do not lie where the others say are false.
+/// Fits the homography and gives the tags that lie where it says; those that do not lie where the others say
+/// are false.
 fn fit(config: &RigConfig, mut kept: Vec<Detection>) -> Result<(Homography, Vec<Detection>), String> {
     loop {
         if kept.len() < FEWEST_TAGS {
@@ -282,7 +287,8 @@ mod tests {
         }
     }
 
-    /// Copies the piece of a photograph around `from` to around `to`; both even, so that the filters' colours stay.
+    /// Copies the piece of a photograph around `from` to around `to`; both even, so that the filters' colours
+    /// stay.
     fn copied(mosaic: &MosaicRadiance, from: DVec2, to: DVec2) -> MosaicRadiance {
         const REACH: i64 = 44;
         let mut copy = mosaic.clone();
@@ -300,8 +306,8 @@ mod tests {
         registration.pixel(config, DVec2::new(tag.x_mm, tag.y_mm))
     }
 
-    /// A second print of a tag, right by itself, lies where the carrier has none: the registration must be that of the photograph
-    /// without it.
+    /// A second print of a tag, right by itself, lies where the carrier has none: the registration must be
+    /// that of the photograph without it.
     #[test]
     fn a_false_tag_moves_neither_the_homography_nor_the_pose_nor_the_residual() {
         let config = RigConfig::default();

@@ -1,4 +1,5 @@
-//! Bicubic resampling of a Bayer mosaic at points of the sensor: every colour from its own half-resolution plane.
+//! Bicubic resampling of a Bayer mosaic at points of the sensor: every colour from its own half-resolution
+//! plane.
 
 use glam::DVec2;
 
@@ -43,14 +44,15 @@ impl BayerPlanes {
         })
     }
 
-    /// Red, green and blue at a point of the sensor in pixels; NaN when the point is too near the edge or when a
-    /// saturated pixel is among its neighbours.
+    /// Red, green and blue at a point of the sensor in pixels; NaN when the point is too near the edge or
+    /// when a saturated pixel is among its neighbours.
     pub fn sample(&self, pixel: DVec2) -> [f32; 3] {
         let [red, first, second, blue] = self.resampled(pixel, |weight| weight);
         [red, 0.5 * (first + second), blue]
     }
 
-    /// The variances of what [`Self::sample`] gives of the values, where these are their variances; pixels are independent.
+    /// The variances of what [`Self::sample`] gives of the values, where these are their variances; pixels
+    /// are independent.
     pub fn variance(&self, pixel: DVec2) -> [f32; 3] {
         let [red, first, second, blue] = self.resampled(pixel, |weight| weight * weight);
         [red, 0.25 * (first + second), blue]

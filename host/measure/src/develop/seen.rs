@@ -1,9 +1,9 @@
 //! Where the tags alone put the sample, and whether the motors can have put it there.
 //!
-//! A photograph of another pose has tags as good as any; only their place tells. The tags' orientation of the carrier, found
-//! without the motors' help, is held against the motors' angles: what lies between the two must be within the
-//! repeatability of pan, tilt and roll and the uncertainty of the tags. Distance and displacement are left free, so that a
-//! rig whose lengths are a little off is not refused.
+//! A photograph of another pose has tags as good as any; only their place tells. The tags' orientation of the
+//! carrier, found without the motors' help, is held against the motors' angles: what lies between the two
+//! must be within the repeatability of pan, tilt and roll and the uncertainty of the tags. Distance and
+//! displacement are left free, so that a rig whose lengths are a little off is not refused.
 
 use glam::{DMat3, DQuat, DVec2, DVec3};
 
@@ -14,8 +14,8 @@ use crate::rig::config::RigConfig;
 use crate::rig::geometry::{MotorAngles, SamplePose, camera_position, sample_pose};
 use lobelia_base::linalg::Normal;
 
-/// Each head axis may be off by so many times its repeatability, all three at once: the home switches scatter and the gears
-/// have play besides.
+/// Each head axis may be off by so many times its repeatability, all three at once: the home switches scatter
+/// and the gears have play besides.
 const LEEWAY: f64 = 1.25;
 
 /// Standard deviations of the tags' orientation that are allowed besides.
@@ -42,8 +42,8 @@ pub struct Difference {
 }
 
 impl SeenPose {
-    /// The sample's pose by the tags' corners and no other word: least squares on reprojection, from the motors' angles and
-    /// from the homography. `None` when neither ends in front of the camera.
+    /// The sample's pose by the tags' corners and no other word: least squares on reprojection, from the
+    /// motors' angles and from the homography. `None` when neither ends in front of the camera.
     pub fn find(
         config: &RigConfig,
         angles: &MotorAngles,
@@ -53,7 +53,8 @@ impl SeenPose {
         let motors = sample_pose(config, angles, DVec3::ZERO);
         let starts = [Some(motors), decomposed(config, homography)];
         let found = starts.into_iter().flatten().filter_map(|start| refined(config, start, corners));
-        // Seen nearly face to face, a plane that leans either way looks alike: of two that explain the corners, the motors' own.
+        // Seen nearly face to face, a plane that leans either way looks alike: of two that explain the
+        // corners, the motors' own.
         found
             .reduce(|near, other| if near.1 > 1.2 * other.1 + 0.01 { other } else { near })
             .map(|found| found.0)
@@ -133,8 +134,8 @@ fn moved(pose: &SamplePose, step: &[f64; 6]) -> SamplePose {
     }
 }
 
-/// The normal equations of a step, residuals in standard deviations of a corner, and the residuals' RMS in pixels along one
-/// coordinate; `None` where the plane is not before the camera.
+/// The normal equations of a step, residuals in standard deviations of a corner, and the residuals' RMS in
+/// pixels along one coordinate; `None` where the plane is not before the camera.
 fn equations(config: &RigConfig, pose: &SamplePose, corners: &[Correspondence]) -> Option<(Normal<6>, f64)> {
     let focal = DVec2::from(config.camera.focal_px);
     let weight = focal / CORNER_SIGMA_PX;
@@ -209,7 +210,8 @@ mod tests {
         [-1.0, 1.0, 178.0, 20.0],
     ];
 
-    /// What is off is known: the truth is the motors' angles and a chosen error of every axis and of the carrier's seat.
+    /// What is off is known: the truth is the motors' angles and a chosen error of every axis and of the
+    /// carrier's seat.
     #[test]
     fn errors_within_the_repeatability_are_allowed_in_every_pose_and_larger_ones_of_any_axis_are_not() {
         let config = RigConfig::default();

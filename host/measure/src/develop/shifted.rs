@@ -1,5 +1,5 @@
-//! What photographs have in common that are not of their pose: whose pose each shows, a run that is shifted as a whole or by single
-//! photographs, a carrier that sits askew.
+//! What photographs have in common that are not of their pose: whose pose each shows, a run that is shifted
+//! as a whole or by single photographs, a carrier that sits askew.
 
 use super::registration::{Shown, Unregistered};
 use super::seen::SeenPose;
@@ -13,8 +13,8 @@ const LEAST: usize = 3;
 /// Adds to every rejected pose whose photograph it shows, and says what they have in common.
 ///
 /// # Errors
-/// An input error for a run most of whose photographs are those of other poses by the same shift, or most of whose poses are off alike:
-/// the few that seem right are so by chance.
+/// An input error for a run most of whose photographs are those of other poses by the same shift, or most of
+/// whose poses are off alike: the few that seem right are so by chance.
 pub fn explain<T>(
     run: &RunFolder,
     registrations: &mut [std::result::Result<T, Unregistered>],
@@ -91,8 +91,8 @@ fn shift(
     let poses_off =
         if distance == 1 { "the pose".to_string() } else { format!("the pose {distance} places") };
     let sentence = format!(
-        "{poses} photographs, of poses {first} to {last}, show {poses_off} {which} theirs: from pose {first} on the camera's \
-         photographs are shifted against the rig's poses, so photograph these poses again"
+        "{poses} photographs, of poses {first} to {last}, show {poses_off} {which} theirs: from pose {first} \
+         on the camera's photographs are shifted against the rig's poses, so photograph these poses again"
     );
     Some(CommonFault { poses, sentence })
 }
@@ -100,8 +100,8 @@ fn shift(
 /// A pose and what each of its exposures shows.
 type Contradictory<'a> = (usize, &'a [Shown]);
 
-/// Exposures of one pose that do not show the same, in several poses: those of a shift by fewer photographs than a pose has show its
-/// own pose and a neighbour's.
+/// Exposures of one pose that do not show the same, in several poses: those of a shift by fewer photographs
+/// than a pose has show its own pose and a neighbour's.
 fn mixed(
     contradictory: &[Contradictory<'_>],
     shows: impl Fn(&SeenPose, usize) -> bool,
@@ -133,14 +133,15 @@ fn mixed(
     };
     let sentence = match shifted.as_slice() {
         [first, .., last] if 2 * shifted.len() > poses && shifted.len() >= LEAST => format!(
-            "of the photographs of {} poses, {first} to {last}, the {which} theirs and the others their own: the camera's photographs are \
-             shifted by less than a pose against the rig's exposures, so photograph these poses again",
+            "of the photographs of {} poses, {first} to {last}, the {which} theirs and the others their own: \
+             the camera's photographs are shifted by less than a pose against the rig's exposures, so \
+             photograph these poses again",
             shifted.len()
         ),
         _ => format!(
-            "the exposures of {poses} poses do not show the same: either photographs are in others' places, or the camera did not expose \
-             for as long as the controller opened the shutter; look at camera.exif in rig.toml and at the camera's exposure, and \
-             photograph these poses again"
+            "the exposures of {poses} poses do not show the same: either photographs are in others' places, \
+             or the camera did not expose for as long as the controller opened the shutter; look at \
+             camera.exif in rig.toml and at the camera's exposure, and photograph these poses again"
         ),
     };
     Some(CommonFault { poses, sentence })
@@ -167,8 +168,9 @@ fn askew(run: &RunFolder, elsewhere: &[(usize, SeenPose)]) -> Option<CommonFault
     }
     let [pan, tilt, roll] = [pan, tilt, roll].map(f64::to_degrees);
     let sentence = format!(
-        "the tags of {poses} poses show the sample off by about the same: pan {pan:+.1}°, tilt {tilt:+.1}°, roll {roll:+.1}°; \
-         correct home_deg of these axes in rig.toml, or the way the carrier sits and the tags' places"
+        "the tags of {poses} poses show the sample off by about the same: pan {pan:+.1}°, tilt {tilt:+.1}°, \
+         roll {roll:+.1}°; correct home_deg of these axes in rig.toml, or the way the carrier sits and the \
+         tags' places"
     );
     Some(CommonFault { poses, sentence })
 }

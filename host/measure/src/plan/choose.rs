@@ -1,8 +1,10 @@
-//! The pose chooser: direction pairs that the rig reaches, inside the polar cuts, as far from each other as can be.
+//! The pose chooser: direction pairs that the rig reaches, inside the polar cuts, as far from each other as
+//! can be.
 //!
-//! Farthest-point insertion over quasi-random candidates: each step takes the candidate that is farthest, in the
-//! bi-angular distance, from all taken ones, so the spacing after k poses is known for every k and both a spacing and a
-//! number can be asked for. Candidates are uniform in solid angle, so that the poles are not oversampled.
+//! Farthest-point insertion over quasi-random candidates: each step takes the candidate that is farthest, in
+//! the bi-angular distance, from all taken ones, so the spacing after k poses is known for every k and both a
+//! spacing and a number can be asked for. Candidates are uniform in solid angle, so that the poles are not
+//! oversampled.
 
 use glam::DVec3;
 use rayon::prelude::*;
@@ -59,7 +61,8 @@ pub fn poses(config: &RigConfig, extent: Extent, isotropic: bool, seed: u64) -> 
 
 /// Roughly how many poses a spacing (radians) admits: the volume of the direction pairs over that of a ball.
 fn expected_count(spacing: f64, isotropic: bool) -> usize {
-    // Solid angles of the two cuts, 4.66 and 3.63 sr; halved by reciprocity, and for isotropic pairs by mirror and 2π.
+    // Solid angles of the two cuts, 4.66 and 3.63 sr; halved by reciprocity, and for isotropic pairs by
+    // mirror and 2π.
     let volume = 4.66 * 3.63 / 2.0;
     let count = if isotropic {
         volume / (2.0 * std::f64::consts::TAU) / (0.52 * spacing.powi(3))
@@ -75,8 +78,8 @@ struct Candidate {
     angles: MotorAngles,
 }
 
-/// Direction pairs from the additive recurrence of the generalised golden ratio in four dimensions, with those that the
-/// rig cannot reach left out.
+/// Direction pairs from the additive recurrence of the generalised golden ratio in four dimensions, with
+/// those that the rig cannot reach left out.
 fn candidates(config: &RigConfig, count: usize, seed: u64) -> Vec<Candidate> {
     // The real root of x⁵ = x + 1; its inverse powers are the steps.
     const GOLDEN: f64 = 1.167_303_978_261_418_7;
@@ -99,8 +102,8 @@ fn candidates(config: &RigConfig, count: usize, seed: u64) -> Vec<Candidate> {
         .collect()
 }
 
-/// Takes the farthest candidate again and again until `most` are taken or none is `spacing` (radians) away; about
-/// `expected` are foreseen.
+/// Takes the farthest candidate again and again until `most` are taken or none is `spacing` (radians) away;
+/// about `expected` are foreseen.
 fn farthest_points(
     candidates: &[Candidate],
     (spacing, most, expected): (f64, usize, usize),

@@ -1,5 +1,5 @@
-//! Exposures predicted from geometry: irradiance exactly, reflectance between the operator's darkest and brightest by how
-//! far the half vector lies from the normal.
+//! Exposures predicted from geometry: irradiance exactly, reflectance between the operator's darkest and
+//! brightest by how far the half vector lies from the normal.
 
 use crate::rig::config::RigConfig;
 use crate::rig::geometry::{MotorAngles, directions, light_position, sample_pose};
@@ -10,7 +10,8 @@ const HIGH: f64 = 0.7;
 /// Share of the range that the darkest expected texel fills in the longest exposure.
 const LOW: f64 = 0.15;
 
-/// Irradiance on the sample's centre for one channel (0, 1, 2), in units of the lamp's radiance times steradian.
+/// Irradiance on the sample's centre for one channel (0, 1, 2), in units of the lamp's radiance times
+/// steradian.
 pub fn irradiance(config: &RigConfig, angles: &MotorAngles, channel: usize) -> f64 {
     let pose = sample_pose(config, angles, glam::DVec3::ZERO);
     let light = pose.into_sample(light_position(config, angles.light));
@@ -18,8 +19,8 @@ pub fn irradiance(config: &RigConfig, angles: &MotorAngles, channel: usize) -> f
     config.lamp.radiance[channel] * cosine * config.lamp.aperture_mm2() / light.length_squared()
 }
 
-/// The brightest reflectance that the pose may show, sr⁻¹: the operator's brightest near the mirror direction, falling to
-/// ten times the darkest away from it, and raised toward grazing where lobes grow.
+/// The brightest reflectance that the pose may show, sr⁻¹: the operator's brightest near the mirror
+/// direction, falling to ten times the darkest away from it, and raised toward grazing where lobes grow.
 pub(crate) fn brightest_expected(config: &RigConfig, angles: &MotorAngles) -> f64 {
     let (wi, wo) = directions(config, angles);
     let off_mirror = (wi + wo).normalize().z.clamp(-1.0, 1.0).acos().to_degrees();
@@ -32,7 +33,8 @@ pub(crate) fn brightest_expected(config: &RigConfig, angles: &MotorAngles) -> f6
 /// Shutter times for a pose, s, shortest first, at most `exposure.count` and fewer where one does the same.
 pub fn predict(config: &RigConfig, angles: &MotorAngles) -> Vec<f64> {
     let camera = &config.camera;
-    // Value above black a unit of reflectance and second; the most and the least sensitive channel bound the choice.
+    // Value above black a unit of reflectance and second; the most and the least sensitive channel bound the
+    // choice.
     let rates: Vec<f64> = (0..3).map(|c| irradiance(config, angles, c) * camera.responsivity[c]).collect();
     let fastest = rates.iter().copied().fold(f64::MIN_POSITIVE, f64::max);
     let slowest = rates.iter().copied().fold(f64::MAX, f64::min).max(f64::MIN_POSITIVE);

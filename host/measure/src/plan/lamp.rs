@@ -5,8 +5,8 @@ use crate::rig::config::RigConfig;
 use crate::rig::geometry::MotorAngles;
 use lobelia_base::progress::duration;
 
-/// Time that the lamp burns for some poses, s: warm-up, moves, settling, exposures. Repeated photographs, the camera's own time and the looks
-/// for lost steps come on top.
+/// Time that the lamp burns for some poses, s: warm-up, moves, settling, exposures. Repeated photographs, the
+/// camera's own time and the looks for lost steps come on top.
 pub fn burning_s(config: &RigConfig, poses: &[PlannedPose]) -> f64 {
     let angles: Vec<_> = poses.iter().map(|pose| MotorAngles::from_degrees(pose.degrees())).collect();
     let settle_s = config.axes.in_order().iter().fold(0.0, |longest: f64, axis| longest.max(axis.settle_s));
@@ -22,8 +22,8 @@ pub fn too_long(config: &RigConfig, poses: &[PlannedPose]) -> Option<String> {
     let (needed, longest) = (burning_s(config, poses), config.lamp.longest_s);
     (needed > longest).then(|| {
         format!(
-            "the lamp has to burn for at least {} (warm-up, moves and exposures of {} poses), but the controller puts it out after {} \
-             (lamp.longest_s)",
+            "the lamp has to burn for at least {} (warm-up, moves and exposures of {} poses), but the \
+             controller puts it out after {} (lamp.longest_s)",
             duration(needed),
             poses.len(),
             duration(longest)

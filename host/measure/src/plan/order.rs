@@ -1,4 +1,5 @@
-//! The order of poses: a short tour of the axes, nearest neighbour first, then improved by exchanging stretches (2-opt).
+//! The order of poses: a short tour of the axes, nearest neighbour first, then improved by exchanging
+//! stretches (2-opt).
 
 use crate::rig::config::RigConfig;
 use crate::rig::geometry::MotorAngles;
@@ -6,7 +7,8 @@ use crate::rig::geometry::MotorAngles;
 /// Rounds of 2-opt at most; each shortens the tour.
 const ROUNDS: usize = 20;
 
-/// Beyond this many poses 2-opt looks only at stretches up to this length, to stay linear in the number of poses.
+/// Beyond this many poses 2-opt looks only at stretches up to this length, to stay linear in the number of
+/// poses.
 const LONGEST_STRETCH: usize = 400;
 
 /// Time between two poses, s: the axes move together, so the slowest decides.

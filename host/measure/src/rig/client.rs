@@ -1,9 +1,9 @@
 //! The client of the rig's controller: typed requests, repeated under the same id until they are answered.
 //!
-//! A request is sent again whenever nothing came for a while. The controller runs each id once and answers repetitions from
-//! memory, or says that it is still at it; so a lost byte costs time and nothing else. The client keeps no clock: it
-//! counts reads that timed out, so it works alike on real and virtual time. On a real port a thread keeps the controller's
-//! lease while the client isn't used. It speaks in motor steps.
+//! A request is sent again whenever nothing came for a while. The controller runs each id once and answers
+//! repetitions from memory, or says that it is still at it; so a lost byte costs time and nothing else. The
+//! client keeps no clock: it counts reads that timed out, so it works alike on real and virtual time. On a
+//! real port a thread keeps the controller's lease while the client isn't used. It speaks in motor steps.
 
 use std::collections::VecDeque;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -23,8 +23,8 @@ use crate::rig::trace::{Recorder, Step};
 use crate::rig::wire::Wire;
 use lobelia_base::error::{Error, Result};
 
-/// After this long without an answer a request is sent again. The longest exchange at 9600 baud takes 0.08 s; on a line that loses a
-/// third of the frames many repetitions have to fit into the controller's lease.
+/// After this long without an answer a request is sent again. The longest exchange at 9600 baud takes 0.08 s;
+/// on a line that loses a third of the frames many repetitions have to fit into the controller's lease.
 const PATIENCE: Duration = Duration::from_millis(120);
 /// A fault's report follows the refusal within this time.
 const REPORT_PATIENCE: Duration = Duration::from_millis(100);
@@ -107,7 +107,8 @@ impl RigClient {
         self.repetitions
     }
 
-    /// While a request that takes time is run, asks this now and then; when it says true, stops the rig and fails.
+    /// While a request that takes time is run, asks this now and then; when it says true, stops the rig and
+    /// fails.
     pub fn set_interrupt(&mut self, interrupted: impl Fn() -> bool + Send + 'static) {
         self.interrupted = Some(Box::new(interrupted));
     }
@@ -182,7 +183,8 @@ impl RigClient {
         Ok(positions)
     }
 
-    /// Has the controller tell events from now on, see [`Self::listen`]: telemetry so often, if at all, and log lines.
+    /// Has the controller tell events from now on, see [`Self::listen`]: telemetry so often, if at all, and
+    /// log lines.
     pub fn watch(&mut self, telemetry: Option<Duration>, log: bool) -> Result<()> {
         let milliseconds = |period: Duration| period.as_millis().clamp(20, u16::MAX.into()) as u16;
         let telemetry_ms = telemetry.map_or(0, milliseconds);
@@ -217,7 +219,8 @@ impl RigClient {
         }
     }
 
-    /// Finds the home switches without forgetting the positions; gives by how many steps each position was too high.
+    /// Finds the home switches without forgetting the positions; gives by how many steps each position was
+    /// too high.
     pub fn check_index(&mut self) -> Result<[i32; 4]> {
         match self.call(Command::CheckIndex)? {
             Answer::Checked(lost) => Ok(lost),
@@ -225,7 +228,8 @@ impl RigClient {
         }
     }
 
-    /// Moves all axes (pan, tilt, roll, light) to absolute positions in steps, and waits until they have settled.
+    /// Moves all axes (pan, tilt, roll, light) to absolute positions in steps, and waits until they have
+    /// settled.
     pub fn move_to(&mut self, steps: [i32; 4]) -> Result<[i32; 4]> {
         self.call(Command::MoveTo(steps)).and_then(positions)
     }
@@ -236,7 +240,8 @@ impl RigClient {
         self.call(Command::Lamp { on, level }).map(|_| ())
     }
 
-    /// Fires the shutter for a time in µs. With `warm_lamp` false the lamp may be off or cold, as for dark frames.
+    /// Fires the shutter for a time in µs. With `warm_lamp` false the lamp may be off or cold, as for dark
+    /// frames.
     pub fn expose(&mut self, duration_us: u32, warm_lamp: bool) -> Result<Exposure> {
         match self.call(Command::Expose { duration_us, warm_lamp })? {
             Answer::Exposed(exposure) => Ok(exposure),
@@ -266,7 +271,8 @@ impl RigClient {
         }
     }
 
-    /// Runs some requests to their end whatever [`Self::set_interrupt`] says meanwhile: those that make the rig safe, above all.
+    /// Runs some requests to their end whatever [`Self::set_interrupt`] says meanwhile: those that make the
+    /// rig safe, above all.
     pub fn uninterrupted<T>(&mut self, work: impl FnOnce(&mut Self) -> T) -> T {
         let interrupted = self.interrupted.take();
         let done = work(self);
@@ -287,7 +293,8 @@ impl RigClient {
         })
     }
 
-    /// Forgets the fault that the lease's end left, if that is the only one: nothing is wrong with the rig then. Tells whether it did.
+    /// Forgets the fault that the lease's end left, if that is the only one: nothing is wrong with the rig
+    /// then. Tells whether it did.
     pub fn forgive_lease(&mut self) -> Result<bool> {
         let faults = self.status()?.faults;
         let forgiven = faults.contains(Fault::LeaseExpired) && faults.iter().count() == 1;
@@ -355,8 +362,8 @@ impl RigClient {
         Ok(())
     }
 
-    /// Lets time pass, less than the controller's lease, until it is over or the controller has told something; gives the
-    /// oldest event not yet given.
+    /// Lets time pass, less than the controller's lease, until it is over or the controller has told
+    /// something; gives the oldest event not yet given.
     pub fn listen(&mut self, time: Duration) -> Result<Option<Event>> {
         if self.events.is_empty() {
             self.note_pause(time)?;
@@ -398,7 +405,8 @@ impl RigClient {
         let id = self.last_id;
         let packet = ToController::Request(Request { session: self.session, id, seen: id - 1, command });
         let mut silence = 0;
-        // Whether the last time that it was sent nothing was said about it: it is a lost frame then, and no mere question.
+        // Whether the last time that it was sent nothing was said about it: it is a lost frame then, and no
+        // mere question.
         let mut unheard = false;
         while silence < REPETITIONS {
             self.wire().send(&packet)?;

@@ -53,15 +53,17 @@ pub struct RigConfig {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Motion {
-    /// Whether all axes arrive at once, each slowed down to the slowest one's time; or else each as soon as it can.
+    /// Whether all axes arrive at once, each slowed down to the slowest one's time; or else each as soon as
+    /// it can.
     pub coordinated: bool,
-    /// A run looks for the home switches after every so many poses, and after the last; 0 for never. Poses since the last look are
-    /// photographed again when steps were lost.
+    /// A run looks for the home switches after every so many poses, and after the last; 0 for never. Poses
+    /// since the last look are photographed again when steps were lost.
     pub check_every_poses: usize,
-    /// Shortest time that a step pin stays high, and low, µs: the longest that a driver wants, which is 1 for an A4988, 1.9 for a
-    /// DRV8825, 2.5 for a DM542.
+    /// Shortest time that a step pin stays high, and low, µs: the longest that a driver wants, which is 1 for
+    /// an A4988, 1.9 for a DRV8825, 2.5 for a DM542.
     pub pulse_us: u8,
-    /// Shortest time from a change of direction to the next step, µs: the longest that a driver wants, 5 for a DM542.
+    /// Shortest time from a change of direction to the next step, µs: the longest that a driver wants, 5 for
+    /// a DM542.
     pub direction_setup_us: u8,
     /// The controller stops smoothly when it hears nothing for this long while it is moving; 0 for never.
     pub lease_s: f64,
@@ -193,8 +195,9 @@ pub struct Lamp {
     pub reference_reading: f64,
     /// Time after switching on before it may be used.
     pub warm_up_s: f64,
-    /// The controller puts the lamp to its safe level when it hears nothing for this long; 0 for never. While a program of ours
-    /// holds the port, it is heard from every half second, whatever else it does, until it has asked for nothing itself for ten minutes.
+    /// The controller puts the lamp to its safe level when it hears nothing for this long; 0 for never. While
+    /// a program of ours holds the port, it is heard from every half second, whatever else it does, until it
+    /// has asked for nothing itself for ten minutes.
     pub lease_s: f64,
     /// The lamp's level then, 0 to 1; at 0 it is switched off.
     pub safe_level: f64,
@@ -220,8 +223,8 @@ impl Default for Lamp {
 }
 
 impl Lamp {
-    /// The part of the warm lamp's light that a reading of the photodiode in a dark frame tells of; `None` when that is darkness: below a
-    /// hundredth, of which noise and the converter's offset are most.
+    /// The part of the warm lamp's light that a reading of the photodiode in a dark frame tells of; `None`
+    /// when that is darkness: below a hundredth, of which noise and the converter's offset are most.
     pub fn lit(&self, reading: f64) -> Option<f64> {
         let light = reading / self.reference_reading;
         (light.is_nan() || light.abs() > 0.01).then_some(light)
@@ -325,10 +328,12 @@ impl RigConfig {
         Ok(rig)
     }
 
-    /// This rig with keys set to other values, to develop a run by: `camera.focal_px=[4100, 4100]`, `carrier.texels_across=64`.
+    /// This rig with keys set to other values, to develop a run by: `camera.focal_px=[4100, 4100]`,
+    /// `carrier.texels_across=64`.
     ///
     /// # Errors
-    /// Input errors that name the setting: no `KEY=VALUE`, an unknown key, a value of another type or out of range.
+    /// Input errors that name the setting: no `KEY=VALUE`, an unknown key, a value of another type or out of
+    /// range.
     pub fn with_settings(&self, settings: &[String]) -> lobelia_base::Result<Self> {
         let mut file = toml::Value::try_from(self).map_err(|error| {
             lobelia_base::Error::input(format!("the rig's file cannot be read back: {error}"))

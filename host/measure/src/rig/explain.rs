@@ -22,15 +22,17 @@ pub(crate) fn refusal(refusal: Refusal) -> Error {
             Error::input(format!("the rig's controller refuses {}{of}: {}", name(field), range(field)))
         }
         Refusal::Busy => Error::failure(
-            "the rig's controller is running what is no move, so it can't be given another target; stop it first",
+            "the rig's controller is running what is no move, so it can't be given another target; stop it \
+             first",
         ),
         Refusal::PositionUnknown(axis) => {
             Error::failure(format!("the position of {} is unknown; home the rig first", axis.name()))
         }
         Refusal::OutOfLimits(axis) => Error::input(format!(
-            "the target of {} is beyond its limits: correct the plan or the limits in the rig's file; or, where it was to be homed, its cables \
-             are wound up too far by homings that found no switch: switch the motors off, unwind them by hand, mend the switch, and \
-             switch the controller off and on",
+            "the target of {} is beyond its limits: correct the plan or the limits in the rig's file; or, \
+             where it was to be homed, its cables are wound up too far by homings that found no switch: \
+             switch the motors off, unwind them by hand, mend the switch, and switch the controller off and \
+             on",
             axis.name()
         )),
         Refusal::LampNotWarm { remaining_s: Some(seconds) } => {
@@ -64,8 +66,8 @@ pub(crate) fn refusal(refusal: Refusal) -> Error {
              put the lamp out first",
         ),
         Refusal::KeepOut { first, second } => Error::input(format!(
-            "{} and {} would come where they must not be together, at the target, on the way there or while one of them is homed; \
-             see [[keep_out]] in the rig's file, and move one after the other",
+            "{} and {} would come where they must not be together, at the target, on the way there or while \
+             one of them is homed; see [[keep_out]] in the rig's file, and move one after the other",
             first.name(),
             second.name()
         )),
@@ -87,7 +89,8 @@ fn driver(axis: Axis, trouble: DriverTrouble) -> Error {
             Error::input(format!("the driver of {axis} cannot make so many microsteps"))
         }
         DriverTrouble::Silent => Error::failure(format!(
-            "the driver of {axis} does not answer; check the motors' supply, its address pins and the wire to it"
+            "the driver of {axis} does not answer; check the motors' supply, its address pins and the wire \
+             to it"
         )),
         DriverTrouble::Garbled | DriverTrouble::WriteLost => Error::failure(format!(
             "the driver of {axis} was not understood or did not take its settings; check the wire to it"
@@ -138,29 +141,34 @@ fn fault(fault: Fault, axis: Option<Axis>) -> String {
             "lamp or drivers are too hot and the lamp was put out: let them cool, look at the fans".to_owned()
         }
         Fault::LampFailure => {
-            "the lamp is switched on, but its photodiode is dark: check the lamp, its supply and the photodiode".to_owned()
+            "the lamp is switched on, but its photodiode is dark: check the lamp, its supply and the \
+             photodiode"
+                .to_owned()
         }
         Fault::StepsLate => format!(
-            "the controller could not make the steps of {of} in time, so the motor may have lost some: lower max_speed_deg_s, and report \
-             it with a recording (--record)"
+            "the controller could not make the steps of {of} in time, so the motor may have lost some: lower \
+             max_speed_deg_s, and report it with a recording (--record)"
         ),
         Fault::SwitchStuck => format!(
-            "the home switch of {of} stayed closed over home_switch_deg: its wire is broken, or it is stuck, or home_switch_deg is too \
-             small"
+            "the home switch of {of} stayed closed over home_switch_deg: its wire is broken, or it is stuck, \
+             or home_switch_deg is too small"
         ),
         Fault::DriverLost => format!(
-            "the motor driver of {of} has lost its settings or no longer answers: check its supply and the wire to it, then `lobelia rig clear`; \
-             acquire --resume homes anew and says which poses were not checked for lost steps"
+            "the motor driver of {of} has lost its settings or no longer answers: check its supply and the \
+             wire to it, then `lobelia rig clear`; acquire --resume homes anew and says which poses were not \
+             checked for lost steps"
         ),
         Fault::DriverAlarm => format!(
-            "the motor driver of {of} tells an alarm: look at its light or its data sheet for which, and at its supply; an input that is wired \
-             the other way round has \"alarm\" among `invert` of its axis"
+            "the motor driver of {of} tells an alarm: look at its light or its data sheet for which, and at \
+             its supply; an input that is wired the other way round has \"alarm\" among `invert` of its axis"
         ),
         Fault::LampTimeout => {
-            "the lamp has burnt for longest_s of the rig's file and was put out; positions are kept".to_owned()
+            "the lamp has burnt for longest_s of the rig's file and was put out; positions are kept"
+                .to_owned()
         }
         Fault::LeaseExpired => {
-            "the controller heard nothing from the host for too long, so it stopped and dimmed the lamp; positions are kept"
+            "the controller heard nothing from the host for too long, so it stopped and dimmed the lamp; \
+             positions are kept"
                 .to_owned()
         }
         Fault::Hardware => "the controller could not drive or read a pin: check its wiring".to_owned(),
@@ -208,10 +216,12 @@ fn range(field: Field) -> &'static str {
         }
         Field::HomeSpeed => "they have to be at least 1 step/s and at most the highest speed",
         Field::HomeTravel => {
-            "the back-off has to be within the travel, the switch's width at least one step, all at most 2^29 steps"
+            "the back-off has to be within the travel, the switch's width at least one step, all at most \
+             2^29 steps"
         }
         Field::Pulse => {
-            "it has to be 1 to 100 µs, and two pulses, a µs more each, and 1 µs have to fit between two steps at the highest speed"
+            "it has to be 1 to 100 µs, and two pulses, a µs more each, and 1 µs have to fit between two \
+             steps at the highest speed"
         }
         Field::StepRate => {
             "the board cannot make so many steps a second; lower max_speed_deg_s or the microsteps"
@@ -221,8 +231,8 @@ fn range(field: Field) -> &'static str {
         Field::Alarm => "the board has no such input; say alarm = \"none\" for the axis",
         Field::Wiring => "there are some that it does not have",
         Field::KeepOut => {
-            "it has to be of two axes that do not turn round and round, with different home_order, and that which is homed first has to be \
-             out of the other's way then"
+            "it has to be of two axes that do not turn round and round, with different home_order, and that \
+             which is homed first has to be out of the other's way then"
         }
         Field::Duration => "it has to be within the controller's shortest and longest exposure",
     }
@@ -231,8 +241,9 @@ fn range(field: Field) -> &'static str {
 /// Two programs that don't understand each other.
 pub(crate) fn different_schema(reply: &HelloReply) -> Error {
     Error::input(format!(
-        "the rig's controller speaks protocol version {} (schema {:016x}) and this program version {} (schema {:016x}); \
-         install matching firmware or the matching lobelia; nothing was moved, and `lobelia rig safe` stops and darkens it all the same",
+        "the rig's controller speaks protocol version {} (schema {:016x}) and this program version {} \
+         (schema {:016x}); install matching firmware or the matching lobelia; nothing was moved, and \
+         `lobelia rig safe` stops and darkens it all the same",
         reply.hello.version,
         reply.hello.schema,
         schema::VERSION,

@@ -1,7 +1,7 @@
 //! Motor angles to light, camera and sample frames and back (chapter 3's four axes).
 //!
-//! Bench frame: origin where pan and tilt meet, camera on +z, the light's arc in the x–z plane. A point p of the sample
-//! lies at Ry(pan) Rx(tilt) (Rz(roll) p + (0, 0, offset)).
+//! Bench frame: origin where pan and tilt meet, camera on +z, the light's arc in the x–z plane. A point p of
+//! the sample lies at Ry(pan) Rx(tilt) (Rz(roll) p + (0, 0, offset)).
 
 use glam::{DMat3, DVec3};
 
@@ -89,10 +89,11 @@ pub fn directions(config: &RigConfig, angles: &MotorAngles) -> (DVec3, DVec3) {
     (geometry.light_mm.normalize(), geometry.camera_mm.normalize())
 }
 
-/// Motor angles that bring light and camera to the unit directions `wi` and `wo` at the sample's centre, or `None` when
-/// the pair is out of the axes' limits (the light too near to the camera, say).
+/// Motor angles that bring light and camera to the unit directions `wi` and `wo` at the sample's centre, or
+/// `None` when the pair is out of the axes' limits (the light too near to the camera, say).
 pub fn motor_angles(config: &RigConfig, wi: DVec3, wo: DVec3) -> Option<MotorAngles> {
-    // The sample's centre is not on the axes, so the distant solution is a start; a few corrections make it exact.
+    // The sample's centre is not on the axes, so the distant solution is a start; a few corrections make it
+    // exact.
     let (mut want_i, mut want_o) = (wi, wo);
     let mut angles = distant_motor_angles(want_i, want_o)?;
     for _ in 0..8 {

@@ -1,5 +1,5 @@
-//! Keeps the lease of a host that is busy with something else: developing a frame, or waiting for a camera. Not for ever: a host that
-//! hangs must not keep a lamp burning.
+//! Keeps the lease of a host that is busy with something else: developing a frame, or waiting for a camera.
+//! Not for ever: a host that hangs must not keep a lamp burning.
 
 use std::sync::mpsc::{self, RecvTimeoutError};
 use std::sync::{Arc, Mutex, TryLockError};
@@ -24,7 +24,8 @@ pub(crate) struct KeepAlive {
 }
 
 impl KeepAlive {
-    /// Speaks each `period`, and falls silent when nobody else has sent anything for `longest`, until somebody does.
+    /// Speaks each `period`, and falls silent when nobody else has sent anything for `longest`, until
+    /// somebody does.
     pub(crate) fn start(wire: Arc<Mutex<Wire>>, session: u32, period: Duration, longest: Duration) -> Self {
         let (stop, stopped) = mpsc::channel();
         let thread = std::thread::spawn(move || {

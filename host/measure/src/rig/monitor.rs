@@ -1,4 +1,5 @@
-//! The event log: what a controller tells unasked, and what changed between two statuses, each with the controller's time.
+//! The event log: what a controller tells unasked, and what changed between two statuses, each with the
+//! controller's time.
 
 use lobelia_protocol::{AXES, Axis, CrashRecord, Event, Happening, LogLine, Status, Telemetry};
 
@@ -22,7 +23,8 @@ pub fn time_us(event: &Event) -> Option<u64> {
     }
 }
 
-/// The line of an event that came when the controller's clock was about `now_us` and the positions of some axes were known.
+/// The line of an event that came when the controller's clock was about `now_us` and the positions of some
+/// axes were known.
 pub fn event(event: &Event, now_us: u64, known: [bool; AXES], config: &RigConfig) -> String {
     let report = match event {
         Event::Fault(report) => report,
@@ -36,8 +38,8 @@ pub fn event(event: &Event, now_us: u64, known: [bool; AXES], config: &RigConfig
         }
         Event::Migrated { from } => {
             let what = format!(
-                "the controller's parameters were saved by an older program ({from:08x}), so new ones have their defaults; \
-                 look at them with `lobelia rig params` and save them anew"
+                "the controller's parameters were saved by an older program ({from:08x}), so new ones have \
+                 their defaults; look at them with `lobelia rig params` and save them anew"
             );
             return line(now_us, &what);
         }

@@ -13,13 +13,14 @@ use lobelia_base::error::{Error, Result};
 /// Bits a second of a serial line; a USB serial port takes no notice.
 const BAUD: u32 = 115_200;
 
-/// Carries bytes to and from a controller. A read that gets none in time fails with `TimedOut` or `WouldBlock`.
+/// Carries bytes to and from a controller. A read that gets none in time fails with `TimedOut` or
+/// `WouldBlock`.
 pub trait Port: Read + Write + Send {
     /// How long a read waits for a byte.
     fn set_read_timeout(&mut self, timeout: Duration) -> io::Result<()>;
 
-    /// The steps that motors were given since this was last asked, for a port that can tell; it may begin to look when it
-    /// is first asked.
+    /// The steps that motors were given since this was last asked, for a port that can tell; it may begin to
+    /// look when it is first asked.
     fn steps(&mut self) -> Option<Vec<Step>> {
         None
     }
@@ -85,8 +86,8 @@ fn open_serial(name: &str) -> Result<Box<dyn Port>> {
     }
 }
 
-/// Whether a name is that of a file, a folder, or of a device like `/dev/null`. Looked at without opening it, which would reset some
-/// controllers.
+/// Whether a name is that of a file, a folder, or of a device like `/dev/null`. Looked at without opening it,
+/// which would reset some controllers.
 #[cfg(unix)]
 fn is_something_else(path: &Path) -> bool {
     use std::os::unix::fs::{FileTypeExt, MetadataExt};

@@ -1,7 +1,8 @@
-//! Replays a trace: sends its requests again, to the same or another controller, and compares what comes of them.
+//! Replays a trace: sends its requests again, to the same or another controller, and compares what comes of
+//! them.
 //!
-//! Two good controllers differ in when things happen, so times and what follows from them (a photodiode's noise, positions of
-//! axes under way) are compared only on demand, as between simulated rigs.
+//! Two good controllers differ in when things happen, so times and what follows from them (a photodiode's
+//! noise, positions of axes under way) are compared only on demand, as between simulated rigs.
 
 use std::time::Duration;
 
@@ -18,8 +19,8 @@ const SHUTTER_US: u32 = 10;
 /// The lamp's reading may differ by this part of the recorded one, and one count more.
 const REFERENCE_PART: f64 = 0.05;
 
-/// A step may come this much before or after the recorded one, counted from the first of its request, µs: what a controller makes
-/// late puts off what follows.
+/// A step may come this much before or after the recorded one, counted from the first of its request, µs:
+/// what a controller makes late puts off what follows.
 const STEP_US: u32 = 1000;
 
 /// What was otherwise than recorded.
@@ -44,7 +45,8 @@ pub struct Replay {
     pub differences: Vec<Difference>,
 }
 
-/// Sends the requests of a trace and compares; with `exact` everything, times too. Calls `advance` after each entry.
+/// Sends the requests of a trace and compares; with `exact` everything, times too. Calls `advance` after each
+/// entry.
 ///
 /// # Errors
 /// When the link fails or the user interrupts; differences are none.
@@ -125,7 +127,8 @@ fn is_homing(command: &Command) -> bool {
     )
 }
 
-/// What of each axis's steps is otherwise than recorded; `most_us` is raised to the largest difference of times.
+/// What of each axis's steps is otherwise than recorded; `most_us` is raised to the largest difference of
+/// times.
 fn steps(recorded: &[Step], now: &[Step], most_us: &mut u32) -> Vec<String> {
     let mut differences = Vec::new();
     for axis in Axis::ALL {

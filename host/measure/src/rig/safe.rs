@@ -1,4 +1,5 @@
-//! What any controller understands, whichever version its program is of: to stop, to go dark, and to tell its state.
+//! What any controller understands, whichever version its program is of: to stop, to go dark, and to tell its
+//! state.
 
 use std::time::Duration;
 

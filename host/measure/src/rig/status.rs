@@ -170,7 +170,8 @@ controller busy, 2 waiting, parameters set, up for 1 h 02 min 03 s
             supply_mv: Some(3312),
             ..none
         };
-        let told = "steps late by 12 µs at most, longest turn 900 µs, stack 9000 of 28672 bytes, 2 bytes lost on receipt, supply 3.31 V";
+        let told = "steps late by 12 µs at most, longest turn 900 µs, stack 9000 of 28672 bytes, 2 bytes \
+             lost on receipt, supply 3.31 V";
         assert_eq!(health(&all), told);
     }
 

@@ -1,5 +1,6 @@
-//! Traces: a session with a controller as JSON lines, a header and then each request with its outcome, and each pause. On demand, where
-//! a port can tell as under simulation and emulation, the steps that motors were given follow the request that caused them.
+//! Traces: a session with a controller as JSON lines, a header and then each request with its outcome, and
+//! each pause. On demand, where a port can tell as under simulation and emulation, the steps that motors were
+//! given follow the request that caused them.
 
 use std::fs::File;
 use std::io::Write;
@@ -128,7 +129,8 @@ pub fn read(path: &Path) -> Result<Vec<(usize, Entry)>> {
     };
     if header != Header::current() {
         return Err(Error::input(format!(
-            "was recorded with protocol version {} (schema {}), this program speaks version {} (schema {:016x}); record it again",
+            "was recorded with protocol version {} (schema {}), this program speaks version {} (schema \
+             {:016x}); record it again",
             header.version,
             header.schema,
             schema::VERSION,

@@ -64,7 +64,8 @@ impl Wire {
         self.port.write_all(bytes).and_then(|()| self.port.flush()).map_err(lost)
     }
 
-    /// Receives what comes for a while, for whoever asks next. A controller that never falls silent is not listened to for longer.
+    /// Receives what comes for a while, for whoever asks next. A controller that never falls silent is not
+    /// listened to for longer.
     pub(crate) fn collect(&mut self, time: Duration) -> Result<()> {
         let end = Instant::now() + time;
         while let Some(left) = end.checked_duration_since(Instant::now()).filter(|left| !left.is_zero()) {

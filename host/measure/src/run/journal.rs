@@ -136,8 +136,8 @@ pub struct Journal {
 }
 
 impl Journal {
-    /// Starts the journal of a new run. One without a whole record, which a run killed at its very start leaves, is
-    /// replaced.
+    /// Starts the journal of a new run. One without a whole record, which a run killed at its very start
+    /// leaves, is replaced.
     ///
     /// # Errors
     /// When a run was recorded there already, or the disk refuses.
@@ -186,8 +186,8 @@ impl Journal {
     }
 }
 
-/// Keeps a run to one process at a time, until its journal is closed or the process is gone. Where a file system has no locks, nothing is
-/// kept.
+/// Keeps a run to one process at a time, until its journal is closed or the process is gone. Where a file
+/// system has no locks, nothing is kept.
 fn lock(journal: &File, folder: &Path) -> Result<()> {
     match journal.try_lock() {
         Err(TryLockError::WouldBlock) => {
@@ -198,7 +198,8 @@ fn lock(journal: &File, folder: &Path) -> Result<()> {
     }
 }
 
-/// Refuses a folder whose journal holds a record, and one with files of something else, which a run would overwrite.
+/// Refuses a folder whose journal holds a record, and one with files of something else, which a run would
+/// overwrite.
 ///
 /// # Errors
 /// An input error that says how to go on.

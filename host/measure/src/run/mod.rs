@@ -1,4 +1,5 @@
-//! The folder of a run: `plan.toml`, `rig.toml`, `journal.jsonl` and `frames/`. Who acquires writes it, who develops reads it.
+//! The folder of a run: `plan.toml`, `rig.toml`, `journal.jsonl` and `frames/`. Who acquires writes it, who
+//! develops reads it.
 
 use std::path::{Path, PathBuf};
 
@@ -67,7 +68,8 @@ impl RunFolder {
         Self::with_records(path, records, None)
     }
 
-    /// Opens a run to read it by another rig's numbers than those that it was begun with; its own file may then have been changed.
+    /// Opens a run to read it by another rig's numbers than those that it was begun with; its own file may
+    /// then have been changed.
     ///
     /// # Errors
     /// As [`Self::open`].

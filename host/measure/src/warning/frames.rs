@@ -1,4 +1,5 @@
-//! The samples of a pose as its photographs come in, looked up where the motors have the sample: soon enough to change the exposures.
+//! The samples of a pose as its photographs come in, looked up where the motors have the sample: soon enough
+//! to change the exposures.
 
 use glam::DVec3;
 
@@ -12,7 +13,8 @@ use lobelia_reflectance::warning::samples::PoseSamples;
 /// Places along an edge of the sample.
 const PLACES: usize = 24;
 
-/// The samples of a pose that was photographed with the motors at `angles`. A frame that is not of the camera's size counts as none.
+/// The samples of a pose that was photographed with the motors at `angles`. A frame that is not of the
+/// camera's size counts as none.
 pub fn samples(rig: &RigConfig, angles: &MotorAngles, frames: &[RawFrame]) -> PoseSamples {
     let camera = &rig.camera;
     let frames: Vec<&RawFrame> =

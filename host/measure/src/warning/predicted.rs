@@ -1,7 +1,8 @@
 //! What a plan's exposures will make of its samples, before anything is photographed.
 //!
-//! Reflectances are taken to be spread evenly, by their logarithm, between `exposure.darkest_reflectance` of rig.toml and the brightest that
-//! is expected at the pose, which rises to `exposure.brightest_reflectance` near the mirror direction.
+//! Reflectances are taken to be spread evenly, by their logarithm, between `exposure.darkest_reflectance` of
+//! rig.toml and the brightest that is expected at the pose, which rises to `exposure.brightest_reflectance`
+//! near the mirror direction.
 
 use glam::{DVec2, DVec3};
 
@@ -74,7 +75,8 @@ fn of_pose(rig: &RigConfig, plan: &Plan, index: usize) -> PoseSamples {
     samples
 }
 
-/// Whether values above black in the three channels are together below their noise, that of a dark frame included.
+/// Whether values above black in the three channels are together below their noise, that of a dark frame
+/// included.
 fn is_starved(rig: &RigConfig, values: [f64; 3]) -> bool {
     let camera = &rig.camera;
     let noise = values.map(|value| (value / camera.electrons_per_value + 2.0 * read_variance(camera)).sqrt());

@@ -1,7 +1,9 @@
-//! The mean of max(0, cosθ_o) over directions spread as cosⁿγ about a peak: the part of a cosine lobe above the horizon, times its cosine.
+//! The mean of max(0, cosθ_o) over directions spread as cosⁿγ about a peak: the part of a cosine lobe above
+//! the horizon, times its cosine.
 //!
-//! With u = cosⁿ⁺¹γ even in 0..1 and the azimuth about the peak in closed form one sum over u is left. It depends on n and on the cosine of the
-//! peak's polar angle alone, so a table of its logarithm, made once, serves all lobes.
+//! With u = cosⁿ⁺¹γ even in 0..1 and the azimuth about the peak in closed form one sum over u is left. It
+//! depends on n and on the cosine of the peak's polar angle alone, so a table of its logarithm, made once,
+//! serves all lobes.
 
 use std::f64::consts::PI;
 use std::sync::LazyLock;
@@ -33,7 +35,8 @@ static TABLE: LazyLock<Vec<f32>> = LazyLock::new(|| {
     table
 });
 
-/// The mean for a peak whose polar angle has the cosine `up`, −1..1, and an exponent n ≥ 0; errors below 2 % where it is above 1e-4, 1 % above 1e-2.
+/// The mean for a peak whose polar angle has the cosine `up`, −1..1, and an exponent n ≥ 0; errors below 2 %
+/// where it is above 1e-4, 1 % above 1e-2.
 pub(super) fn mean_cosine(up: f64, n: f64) -> f64 {
     if !(0.0..=MOST_EXPONENT).contains(&n) {
         return summed(up, n);

@@ -1,6 +1,7 @@
 use super::*;
 
-/// A picture whose pixel (x, y) is 1 + x + 4 y in red, by a line of its size and pixels in the order of the file.
+/// A picture whose pixel (x, y) is 1 + x + 4 y in red, by a line of its size and pixels in the order of the
+/// file.
 fn flat(header: &str, size: &str, order: &[usize]) -> Vec<u8> {
     let mut bytes = format!("#?RGBE\n{header}\n{size}\n").into_bytes();
     bytes.extend(order.iter().flat_map(|&k| [1 + k as u8, 0, 0, 136]));

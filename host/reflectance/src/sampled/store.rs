@@ -1,4 +1,5 @@
-//! The Zarr v3 store of a sampled SBRDF: chunked by texel block over all poses, so that a fit reads a block once.
+//! The Zarr v3 store of a sampled SBRDF: chunked by texel block over all poses, so that a fit reads a block
+//! once.
 
 use std::collections::BTreeMap;
 use std::fs;
@@ -26,21 +27,27 @@ const BLOCK: usize = 16;
 /// Attribute of the root group that tells a sampled SBRDF from other stores.
 const LAYOUT_KEY: &str = "lobelia_layout";
 
-/// Attribute of a store that is a part of a sample: from the sample's centre to the part's, texels along x and y.
+/// Attribute of a store that is a part of a sample: from the sample's centre to the part's, texels along x
+/// and y.
 const OFFSET_KEY: &str = "offset_texels";
 
-/// Attribute of a developed store: for each pose the share of its samples that are saturated in every exposure, which are NaN.
+/// Attribute of a developed store: for each pose the share of its samples that are saturated in every
+/// exposure, which are NaN.
 pub const CLIPPED_KEY: &str = "clipped_by_pose";
+/// The attribute of a store's root with the area of the lamp's aperture, mm²: by it a mirror's peak becomes a
+/// reflectance.
+pub const APERTURE_KEY: &str = "lamp_aperture_mm2";
 
-/// Attribute of a store that Lobelia wrote: the hash of its samples, by which parts of a fit know that they were made of one store.
+/// Attribute of a store that Lobelia wrote: the hash of its samples, by which parts of a fit know that they
+/// were made of one store.
 const SAMPLES_KEY: &str = "samples_sha256";
 
 /// Version of the layout.
 const LAYOUT: u64 = 1;
 
 impl SampledSbrdf {
-    /// Whether a store may and can be written at `path`: nothing is there, an empty folder, or an earlier sampled SBRDF and nothing
-    /// besides.
+    /// Whether a store may and can be written at `path`: nothing is there, an empty folder, or an earlier
+    /// sampled SBRDF and nothing besides.
     ///
     /// # Errors
     /// Input errors for anything else, which a store would destroy; failures when the disk refuses.
@@ -66,7 +73,8 @@ impl SampledSbrdf {
         durable::try_writing(path).map_err(|error| Error::writing(path, error))
     }
 
-    /// Writes the store; an earlier one at `path` is removed only when the new one is complete and on the disk.
+    /// Writes the store; an earlier one at `path` is removed only when the new one is complete and on the
+    /// disk.
     ///
     /// # Errors
     /// As [`Self::may_write_zarr`], and when the disk refuses; nothing half-written is left under `path`.
@@ -167,15 +175,18 @@ pub struct SampledStore {
     pub poses: Vec<PoseGeometry>,
     /// The poses of which light, camera or weight are not known (NaN): their weight is 0.
     pub unknown_poses: Vec<usize>,
-    /// Share of each pose's samples that are saturated in every exposure, where the store says so ([`CLIPPED_KEY`]).
+    /// Share of each pose's samples that are saturated in every exposure, where the store says so
+    /// ([`CLIPPED_KEY`]).
     pub clipped: Option<Vec<f64>>,
     /// What the store says of its samples, where it does ([`SAMPLES_KEY`]).
     samples_sha256: Option<String>,
+    /// Area of the lamp's aperture, mm², where the store says so ([`APERTURE_KEY`]).
+    pub lamp_aperture_mm2: Option<f64>,
 }
 
 impl SampledStore {
-    /// Opens a store that [`SampledSbrdf::write_zarr`] or another Zarr v3 writer made, compressed by zstd or gzip or not. A pose whose
-    /// light or camera is not known (NaN) has the weight 0.
+    /// Opens a store that [`SampledSbrdf::write_zarr`] or another Zarr v3 writer made, compressed by zstd or
+    /// gzip or not. A pose whose light or camera is not known (NaN) has the weight 0.
     ///
     /// # Errors
     /// Input errors for a folder that is no such store, whose shapes disagree or that lacks a chunk.
@@ -216,7 +227,8 @@ impl SampledStore {
         self.sigma.is_some()
     }
 
-    /// Reads a window; its standard deviations, which make up a third of a store, only where asked for and there.
+    /// Reads a window; its standard deviations, which make up a third of a store, only where asked for and
+    /// there.
     ///
     /// # Errors
     /// When a chunk cannot be read or is no longer there.
@@ -237,8 +249,9 @@ impl SampledStore {
         })
     }
 
-    /// What tells the samples from those of another store of the same size and poses, without reading them: the hash that Lobelia writes
-    /// into its stores, and the lengths of the chunks' files, which in a compressed store change with what is in them.
+    /// What tells the samples from those of another store of the same size and poses, without reading them:
+    /// the hash that Lobelia writes into its stores, and the lengths of the chunks' files, which in a
+    /// compressed store change with what is in them.
     pub fn samples_mark(&self) -> String {
         let ranges = self.array.shape.map(|edge| 0..edge);
         let arrays = std::iter::once(&self.array).chain(&self.sigma);
@@ -416,6 +429,12 @@ fn open_store(path: &Path) -> std::result::Result<SampledStore, String> {
             weight[pose]
         ));
     }
+    let aperture = attribute(APERTURE_KEY).map(|value| {
+        value.as_f64().filter(|area| area.is_finite() && *area > 0.0).ok_or_else(|| {
+            format!("its attribute {APERTURE_KEY} is {value}, not an area above 0; correct it or delete it")
+        })
+    });
+    let lamp_aperture_mm2 = aperture.transpose()?;
     let clipped = attribute(CLIPPED_KEY).map(|value| clipped_shares(value, poses)).transpose()?;
     let pose = |pose: usize| {
         let [light_mm, camera_mm] = [&light, &camera].map(|places| DVec3::from_slice(&places[3 * pose..]));
@@ -435,6 +454,7 @@ fn open_store(path: &Path) -> std::result::Result<SampledStore, String> {
         unknown_poses,
         clipped,
         samples_sha256: attribute(SAMPLES_KEY).and_then(serde_json::Value::as_str).map(str::to_owned),
+        lamp_aperture_mm2,
     })
 }
 
@@ -445,8 +465,8 @@ fn clipped_shares(value: &serde_json::Value, poses: usize) -> std::result::Resul
         .filter(|shares| shares.len() == poses && shares.iter().all(|share| (0.0..=1.0).contains(share)))
         .ok_or_else(|| {
             format!(
-                "its attribute {CLIPPED_KEY} is not a share of 0 to 1 for each of {poses} poses; correct it, or delete it, as where poses \
-                 were taken out"
+                "its attribute {CLIPPED_KEY} is not a share of 0 to 1 for each of {poses} poses; correct it, \
+                 or delete it, as where poses were taken out"
             )
         })
 }

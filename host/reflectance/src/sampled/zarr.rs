@@ -1,5 +1,6 @@
-//! Arrays of Zarr v3 stores, read as other programs write them too: float16, float32 and float64 in chunks of any shape, compressed by
-//! zstd (Python's default) or gzip. Nothing is allocated that a chunk's file does not stand behind.
+//! Arrays of Zarr v3 stores, read as other programs write them too: float16, float32 and float64 in chunks of
+//! any shape, compressed by zstd (Python's default) or gzip. Nothing is allocated that a chunk's file does
+//! not stand behind.
 
 use std::io::Read;
 use std::ops::Range;
@@ -166,7 +167,8 @@ impl<const N: usize> ZarrArray<N> {
                 ("crc32c", Some(_)) => compressions.push(Compression::Crc32c),
                 (other, _) => {
                     return Err(format!(
-                        "is written by the codec `{other}`, which is not read; write it by bytes alone, or by bytes with zstd or gzip"
+                        "is written by the codec `{other}`, which is not read; write it by bytes alone, or \
+                         by bytes with zstd or gzip"
                     ));
                 }
             }
@@ -193,8 +195,8 @@ impl<const N: usize> ZarrArray<N> {
         format!("{begin}{}", numbers.join(&self.separator.to_string()))
     }
 
-    /// Refuses the array where a chunk of some ranges of entries is not there, or its file cannot hold it. Zarr reads a missing one as
-    /// its fill value; here that would be a block of texels lost without a word.
+    /// Refuses the array where a chunk of some ranges of entries is not there, or its file cannot hold it.
+    /// Zarr reads a missing one as its fill value; here that would be a block of texels lost without a word.
     ///
     /// # Errors
     /// A sentence with the chunk's name.
@@ -204,8 +206,8 @@ impl<const N: usize> ZarrArray<N> {
             let key = self.key(&place);
             let Some(file) = self.folder.join(&key).metadata().ok().filter(std::fs::Metadata::is_file) else {
                 return Err(format!(
-                    "the chunk {}/{key} is missing (of one without samples too: Python's zarr leaves those out unless it is told \
-                     write_empty_chunks)",
+                    "the chunk {}/{key} is missing (of one without samples too: Python's zarr leaves those \
+                     out unless it is told write_empty_chunks)",
                     self.name
                 ));
             };
@@ -354,7 +356,8 @@ impl<const N: usize> ZarrArray<N> {
     }
 }
 
-/// What a decoder gives, one byte more than expected at most, so that a chunk that grows without end is noticed; a checksum may follow.
+/// What a decoder gives, one byte more than expected at most, so that a chunk that grows without end is
+/// noticed; a checksum may follow.
 fn expanded(decoder: impl Read, expected: usize) -> std::io::Result<Vec<u8>> {
     let mut bytes = Vec::new();
     decoder.take(expected as u64 + 5).read_to_end(&mut bytes)?;
@@ -368,9 +371,10 @@ mod tests {
     use super::*;
     use crate::sampled::SampledSbrdf;
 
-    /// tests/cases/zarr/zstd.zarr was written by zarr 3.1.6 for Python with its defaults but for the shapes of the chunks: zstd,
-    /// float64 reflectance, float16 sigma, float32 weights. Texel (x, y) at pose k has (4 y + x) / 16 + k / 256 + c / 1024 in channel c,
-    /// and nothing at the last texel of pose 1; sigma is 0.01 and an eighth of that.
+    /// tests/cases/zarr/zstd.zarr was written by zarr 3.1.6 for Python with its defaults but for the shapes
+    /// of the chunks: zstd, float64 reflectance, float16 sigma, float32 weights. Texel (x, y) at pose k has
+    /// (4 y + x) / 16 + k / 256 + c / 1024 in channel c, and nothing at the last texel of pose 1; sigma
+    /// is 0.01 and an eighth of that.
     #[test]
     fn a_store_of_pythons_zarr_with_its_defaults_is_read() {
         let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../tests/cases/zarr/zstd.zarr");
@@ -411,7 +415,8 @@ mod tests {
             (r#"[{"name":"sharding_indexed"}]"#, "codec `sharding_indexed`, which is not read"),
         ] {
             let text = format!(
-                r#"{{"zarr_format":3,"node_type":"array","shape":[1000000000],"data_type":"float32","chunk_grid":
+                r#"{{"zarr_format":3,"node_type":"array","shape":[1000000000],"data_type":"float32",
+                "chunk_grid":
                 {{"name":"regular","configuration":{{"chunk_shape":[1000000000]}}}},"codecs":{codecs}}}"#
             );
             std::fs::write(array.join("zarr.json"), text).unwrap();

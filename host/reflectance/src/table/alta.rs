@@ -1,11 +1,13 @@
-//! Reader of ALTA's format (Belcour, Barla, Pacanowski 2014): a header of `#KEY value` lines, then a sample a line, or binary.
+//! Reader of ALTA's format (Belcour, Barla, Pacanowski 2014): a header of `#KEY value` lines, then a sample a
+//! line, or binary.
 //!
-//! `#DIM N P` counts input and output columns, `#PARAM_IN` says what the inputs are ([`Angles`]), `#PARAM_OUT` the outputs; where `#VS` is
-//! not 0, columns with the outputs' uncertainty follow, which are left out. Other lines that begin with `#` are comments.
-//! After `#FORMAT binary` the samples follow the header as numbers of eight bytes.
+//! `#DIM N P` counts input and output columns, `#PARAM_IN` says what the inputs are ([`Angles`]),
+//! `#PARAM_OUT` the outputs; where `#VS` is not 0, columns with the outputs' uncertainty follow, which are
+//! left out. Other lines that begin with `#` are comments. After `#FORMAT binary` the samples follow the
+//! header as numbers of eight bytes.
 //!
-//! `INV_STERADIAN_COSINE_FACTOR` is reflectance times cosθ_v, which is divided out here; samples within 1° of the horizon are left out
-//! then.
+//! `INV_STERADIAN_COSINE_FACTOR` is reflectance times cosθ_v, which is divided out here; samples within 1° of
+//! the horizon are left out then.
 
 mod angles;
 
@@ -21,13 +23,15 @@ const LEAST_COSINE: f64 = 0.01745;
 const OUTPUTS: &str =
     "INV_STERADIAN (sr⁻¹), INV_STERADIAN_COSINE_FACTOR (times cosθ_v), RGB_COLOR or XYZ_COLOR";
 
-/// Whether a file is in this format: one of the lines that begin with `#` before the first others is of its header.
+/// Whether a file is in this format: one of the lines that begin with `#` before the first others is of its
+/// header.
 pub(super) fn is_alta(bytes: &[u8]) -> bool {
     let marks = ["#ALTA_", "#DIM ", "#DIM\t", "#PARAM_IN", "#PARAM_OUT"];
     header_lines(bytes).any(|(_, line)| marks.iter().any(|mark| line.starts_with(mark)))
 }
 
-/// The lines of the header with their numbers: empty ones and those that begin with `#`, up to the end that it may say.
+/// The lines of the header with their numbers: empty ones and those that begin with `#`, up to the end that
+/// it may say.
 fn header_lines(bytes: &[u8]) -> impl Iterator<Item = (usize, std::borrow::Cow<'_, str>)> {
     let lines = bytes.split(|&byte| byte == b'\n').enumerate();
     let mut ended = false;
@@ -273,7 +277,8 @@ mod tests {
 
     #[test]
     fn colours_come_in_ascending_wavelengths_and_uncertainties_are_left_out() {
-        let text = "#DIM 4 3\n#PARAM_IN SPHERICAL_TL_PL_TV_PV\n#PARAM_OUT RGB_COLOR\n#VS 1 1 1\n0.1 0.2 0.3 0.4 3 2 1 0.1 0.1 0.1\n";
+        let text = "#DIM 4 3\n#PARAM_IN SPHERICAL_TL_PL_TV_PV\n#PARAM_OUT RGB_COLOR\n#VS 1 1 1\n0.1 0.2 0.3 \
+             0.4 3 2 1 0.1 0.1 0.1\n";
         let table = MeasuredTable::parse(text).unwrap();
         assert_eq!(table.rgb(RGB_WAVELENGTHS_NM).unwrap()[0], crate::Rgb::new(3.0, 2.0, 1.0));
         assert!((table.rows[0].phi_i - 0.2).abs() < 1e-12 && (table.rows[0].phi_o - 0.4).abs() < 1e-12);
@@ -360,7 +365,8 @@ mod tests {
         for (endian, bytes) in [("little", f64::to_le_bytes as fn(f64) -> [u8; 8]), ("big", f64::to_be_bytes)]
         {
             let head = format!(
-                "{head}#VERSION 0\n#FORMAT binary\n#ENDIAN {endian}\n#PRECISION ieee754-double\n#SAMPLE_COUNT 2\n#ALTA_END_HEADER\n"
+                "{head}#VERSION 0\n#FORMAT binary\n#ENDIAN {endian}\n#PRECISION \
+                 ieee754-double\n#SAMPLE_COUNT 2\n#ALTA_END_HEADER\n"
             );
             let mut file = head.into_bytes();
             file.extend(numbers.iter().flatten().flat_map(|&number| bytes(number)));
@@ -408,8 +414,9 @@ mod tests {
         }
     }
 
-    /// Retro-reflecting sheet measured at three incidences: its highest value lies within 2° of light = view, or of the mirror
-    /// direction that the sheet's smooth front adds, and Helmholtz reciprocity holds between incidences 15° and 30°.
+    /// Retro-reflecting sheet measured at three incidences: its highest value lies within 2° of light = view,
+    /// or of the mirror direction that the sheet's smooth front adds, and Helmholtz reciprocity holds between
+    /// incidences 15° and 30°.
     #[test]
     fn the_measured_retro_reflector_is_retro_and_reciprocal() {
         let folder = std::env::var("LOBELIA_DATA").unwrap_or_else(|_| "../../../shared/data".into());

@@ -1,15 +1,16 @@
 //! A measured isotropic table as a BRDF for any pair of directions.
 //!
-//! The rows are scattered points in half and difference angles (θ_h, θ_d, φ_d). A regular grid is filled from them once: each node
-//! takes the [`NEIGHBOURS`] nearest rows and a weighted local linear regression of ln(ε + f) through them (so a peak of several
-//! hundred and a dark flank count alike), limited to the neighbours' range so that it never extrapolates. Distances are Euclidean
-//! in (asinh(θ_h/θ_0), θ_d, φ_d as an arc that shrinks with sinθ_h sinθ_d), which stretches the highlight, where rows are closer.
+//! The rows are scattered points in half and difference angles (θ_h, θ_d, φ_d). A regular grid is filled from
+//! them once: each node takes the [`NEIGHBOURS`] nearest rows and a weighted local linear regression of
+//! ln(ε + f) through them (so a peak of several hundred and a dark flank count alike), limited to the
+//! neighbours' range so that it never extrapolates. Distances are Euclidean in (asinh(θ_h/θ_0), θ_d, φ_d as
+//! an arc that shrinks with sinθ_h sinθ_d), which stretches the highlight, where rows are closer.
 //!
-//! At their own 1,439 rows the Cornell paints come back with an RMS log error of 0.10 (cayman) to 0.14 (acryl_blue); measure it with
-//! [`InterpolatedBrdf::rms_log_error`].
+//! At their own 1,439 rows the Cornell paints come back with an RMS log error of 0.10 (cayman) to 0.14
+//! (acryl_blue); measure it with [`InterpolatedBrdf::rms_log_error`].
 //!
-//! A look-up is trilinear in u = √sinθ_h, cosθ_d and cos²φ_d. These need square roots only, and are exactly equal for swapped
-//! directions (reciprocity), for mirrored and for turned ones (isotropy).
+//! A look-up is trilinear in u = √sinθ_h, cosθ_d and cos²φ_d. These need square roots only, and are exactly
+//! equal for swapped directions (reciprocity), for mirrored and for turned ones (isotropy).
 
 use glam::{DVec3, Vec3};
 
@@ -93,8 +94,8 @@ impl InterpolatedBrdf {
         Ok(Self { planes })
     }
 
-    /// RMS over the table's own rows of ln(1e-3 + f̂) − ln(1e-3 + f), all three channels together: what the grid's
-    /// smoothing and resolution cost.
+    /// RMS over the table's own rows of ln(1e-3 + f̂) − ln(1e-3 + f), all three channels together: what the
+    /// grid's smoothing and resolution cost.
     ///
     /// # Errors
     /// When a wavelength lies outside the measured range.
@@ -219,7 +220,8 @@ mod tests {
     use proptest::prelude::*;
     use std::sync::LazyLock;
 
-    /// A table of a lobe material with a peak of several hundred at grazing angles, on the Cornell tables' directions.
+    /// A table of a lobe material with a peak of several hundred at grazing angles, on the Cornell tables'
+    /// directions.
     static TABLE: LazyLock<MeasuredTable> = LazyLock::new(|| {
         let mut rows = Vec::new();
         for step in 1..=8 {

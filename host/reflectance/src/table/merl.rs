@@ -1,11 +1,12 @@
-//! Reader of the MERL tables (`.binary`, Matusik et al. 2003): 90 × 90 × 180 cells in (θ_h, θ_d, φ_d), three planes of f64.
+//! Reader of the MERL tables (`.binary`, Matusik et al. 2003): 90 × 90 × 180 cells in (θ_h, θ_d, φ_d), three
+//! planes of f64.
 //!
-//! The header is three little-endian i32 counts. θ_h of cell i is (i / 90)² · 90°, θ_d and φ_d are even over 90° and 180°; tables with 360
-//! cells in φ_d have them over 360°. The
-//! stored values times 1/1500, 1.15/1500 and 1.66/1500 are red, green and blue in sr⁻¹; negative ones were not measured.
+//! The header is three little-endian i32 counts. θ_h of cell i is (i / 90)² · 90°, θ_d and φ_d are even over
+//! 90° and 180°; tables with 360 cells in φ_d have them over 360°. The stored values times 1/1500, 1.15/1500
+//! and 1.66/1500 are red, green and blue in sr⁻¹; negative ones were not measured.
 //!
-//! Of the 1.5 million cells every 2nd in θ_h, 6th in θ_d and 15th in φ_d becomes a row: as many as tell lobes apart, and few enough to
-//! search all starts on.
+//! Of the 1.5 million cells every 2nd in θ_h, 6th in θ_d and 15th in φ_d becomes a row: as many as tell lobes
+//! apart, and few enough to search all starts on.
 
 use std::f64::consts::{FRAC_PI_2, PI};
 
@@ -119,7 +120,8 @@ mod tests {
         }
     }
 
-    /// Gives the reader mutations, made in place and put right again: a file of 35 MB is not written ten thousand times.
+    /// Gives the reader mutations, made in place and put right again: a file of 35 MB is not written ten
+    /// thousand times.
     fn survives(goes_on: impl Fn(u32) -> bool) {
         let mut bytes = bytes(180);
         let length = bytes.len();

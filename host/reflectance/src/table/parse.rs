@@ -33,7 +33,8 @@ impl Token<'_> {
             Err(_) if text.contains([',', ';']) => Err(invalid(
                 *line,
                 format!(
-                    "{} is `{text}`, which has a {}; write decimals with a point and put spaces between numbers",
+                    "{} is `{text}`, which has a {}; write decimals with a point and put spaces between \
+                     numbers",
                     what(),
                     if text.contains(';') { "semicolon" } else { "comma" }
                 ),
@@ -137,13 +138,15 @@ fn row(number: usize, tokens: &[Token<'_>], wavelengths_nm: &[f64]) -> Result<Ta
         let value = token.number(|| format!("row {number}: the value at {wavelength} nm"))?;
         if value < MOST_NEGATIVE {
             let message = format!(
-                "row {number}: the value at {wavelength} nm is {value} sr⁻¹; below {MOST_NEGATIVE} it is no noise"
+                "row {number}: the value at {wavelength} nm is {value} sr⁻¹; below {MOST_NEGATIVE} it is no \
+                 noise"
             );
             return Err(invalid(token.line, message));
         }
         if value > MOST_VALUE {
             let message = format!(
-                "row {number}: the value at {wavelength} nm is {value:e} sr⁻¹; above {MOST_VALUE:e} it is no reflectance"
+                "row {number}: the value at {wavelength} nm is {value:e} sr⁻¹; above {MOST_VALUE:e} it is no \
+                 reflectance"
             );
             return Err(invalid(token.line, message));
         }
@@ -224,7 +227,10 @@ mod tests {
     proptest! {
         #[test]
         fn printed_tables_come_back_whatever_the_line_breaks(
-            rows in prop::collection::vec((0f64..1.57, -3.1f64..3.1, 0f64..1.57, -3.1f64..3.1, -0.009f64..700.0), 1..20),
+            rows in prop::collection::vec(
+                (0f64..1.57, -3.1f64..3.1, 0f64..1.57, -3.1f64..3.1, -0.009f64..700.0),
+                1..20,
+            ),
             breaks in prop::collection::vec(any::<bool>(), 100),
         ) {
             let mut text = String::from("1\n500\n");
@@ -238,7 +244,8 @@ mod tests {
             let table = parse(&text).unwrap();
             prop_assert_eq!(table.rows.len(), rows.len());
             for (row, &(a, b, c, d, e)) in table.rows.iter().zip(&rows) {
-                prop_assert_eq!((row.theta_i, row.phi_i, row.theta_o, row.phi_o, row.values[0]), (a, b, c, d, e));
+                let read = (row.theta_i, row.phi_i, row.theta_o, row.phi_o, row.values[0]);
+                prop_assert_eq!(read, (a, b, c, d, e));
             }
         }
 

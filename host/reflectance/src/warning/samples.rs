@@ -14,14 +14,16 @@ pub struct PoseSamples {
     pub all: u64,
     /// Those that are saturated in every exposure.
     pub clipped: u64,
-    /// Those of which no exposure shows more than its noise: the sum of the channels is below that of their standard deviations.
+    /// Those of which no exposure shows more than its noise: the sum of the channels is below that of their
+    /// standard deviations.
     pub starved: u64,
     /// Those that are not there for another reason: outside the photograph, or unlit.
     pub missing: u64,
 }
 
 impl PoseSamples {
-    /// One sample with the standard deviations of its channels; `shown` where the photograph shows it, and lit.
+    /// One sample with the standard deviations of its channels; `shown` where the photograph shows it, and
+    /// lit.
     pub fn of_one(value: [f32; 3], sigma: [f32; 3], shown: bool) -> Self {
         let there = value.iter().all(|value| value.is_finite());
         Self {
@@ -80,7 +82,8 @@ struct Shares {
     missing: f64,
 }
 
-/// The shares of every pose for the report: `[{"pose": 0, "clipped": 0.57, "starved": 0.0, "missing": 0.0}, …]`.
+/// The shares of every pose for the report: `[{"pose": 0, "clipped": 0.57, "starved": 0.0, "missing": 0.0},
+/// …]`.
 pub fn by_pose(counts: &[(usize, PoseSamples)]) -> serde_json::Value {
     let rounded = |share: f64| (1e4 * share).round() / 1e4;
     let shares = counts.iter().map(|&(pose, samples)| Shares {
@@ -92,7 +95,8 @@ pub fn by_pose(counts: &[(usize, PoseSamples)]) -> serde_json::Value {
     serde_json::json!(shares.collect::<Vec<_>>())
 }
 
-/// One warning for each way in which too many samples, of a pose or of all, are of no use. Poses without any sample count as none.
+/// One warning for each way in which too many samples, of a pose or of all, are of no use. Poses without any
+/// sample count as none.
 pub fn warnings(step: Step, counts: &[(usize, PoseSamples)]) -> Vec<Warning> {
     [Kind::Clipped, Kind::Starved, Kind::Missing]
         .into_iter()
@@ -173,7 +177,8 @@ fn advice(step: Step, kind: Kind) -> &'static str {
 pub struct Tally(Mutex<Vec<PoseSamples>>);
 
 impl Tally {
-    /// Counts the samples of a block. `starved` is known where the standard deviations were read; all that is not a number counts as missing.
+    /// Counts the samples of a block. `starved` is known where the standard deviations were read; all that is
+    /// not a number counts as missing.
     pub fn count(&self, block: &SampledSbrdf) {
         let mut counts = vec![PoseSamples::default(); block.poses.len()];
         for texel in 0..block.texels() {
@@ -194,8 +199,8 @@ impl Tally {
         all.iter_mut().zip(counts).for_each(|(all, counts)| all.add(counts));
     }
 
-    /// The counts of the poses that are not left out. Of the missing samples those count as clipped that `clipped`, a share a pose, says to be
-    /// so.
+    /// The counts of the poses that are not left out. Of the missing samples those count as clipped that
+    /// `clipped`, a share a pose, says to be so.
     pub fn counts(self, weights: &[f64], clipped: Option<&[f64]>) -> Vec<(usize, PoseSamples)> {
         let counts = self.0.into_inner().unwrap_or_else(PoisonError::into_inner);
         let split = |(pose, mut samples): (usize, PoseSamples)| {
@@ -212,7 +217,8 @@ impl Tally {
 /// Standard deviations from here on are infinite or NaN: of those nothing is known.
 const UNKNOWN: f32 = 65_536.0;
 
-/// A standard deviation in half precision as a number, without branches; one that is infinite or NaN comes out as [`UNKNOWN`] or more.
+/// A standard deviation in half precision as a number, without branches; one that is infinite or NaN comes
+/// out as [`UNKNOWN`] or more.
 fn widened(bits: u16) -> f32 {
     // The exponent's bias is 15 in half precision and 127 in single.
     f32::from_bits(u32::from(bits) << 13) * f32::from_bits((127 + 112) << 23)

@@ -1,5 +1,5 @@
-//! The tree that finds the triangle a ray meets: four boxes a node and four triangles a packet, each four tested at once
-//! in the lanes of a vector. obvhs builds the binary tree that it is collapsed from.
+//! The tree that finds the triangle a ray meets: four boxes a node and four triangles a packet, each four
+//! tested at once in the lanes of a vector. obvhs builds the binary tree that it is collapsed from.
 
 use std::time::Duration;
 

@@ -8,8 +8,8 @@ use lobelia_base::figures::ErrorFigure;
 use lobelia_reflectance::Rgb;
 use lobelia_reflectance::picture::Picture;
 
-/// The reference's mean times this is added (in squares) to what relative errors are divided by, so that black pixels count
-/// little.
+/// The reference's mean times this is added (in squares) to what relative errors are divided by, so that
+/// black pixels count little.
 const FLOOR: f64 = 0.1;
 
 /// How far a picture is from a reference, over all pixels and the three channels.
@@ -60,8 +60,9 @@ pub fn compare(picture: &Picture, reference: &Picture) -> Result<Errors> {
     })
 }
 
-/// The relative RMSE of a picture, estimated by three noisy pictures of the reference that are independent of it and of each
-/// other: the noise of two cancels in the mean of (a − r₁)(a − r₂), and errors are relative to the third.
+/// The relative RMSE of a picture, estimated by three noisy pictures of the reference that are independent of
+/// it and of each other: the noise of two cancels in the mean of (a − r₁)(a − r₂), and errors are relative to
+/// the third.
 pub fn relative_rmse_by(judges: &[Picture; 3], picture: &Picture) -> f64 {
     relative_square_by(judges.each_ref(), picture).max(0.0).sqrt()
 }
@@ -74,7 +75,8 @@ pub(crate) fn relative_square_by(judges: [&Picture; 3], picture: &Picture) -> f6
     relative_square(third, &squares)
 }
 
-/// What the square of an error at a pixel of some mean counts in the square of the relative RMSE of a picture of mean `whole`.
+/// What the square of an error at a pixel of some mean counts in the square of the relative RMSE of a picture
+/// of mean `whole`.
 pub(crate) fn relative_weight(mean: f32, whole: f32) -> f32 {
     let floor = FLOOR as f32 * whole;
     1.0 / (mean * mean + floor * floor).max(f32::MIN_POSITIVE)

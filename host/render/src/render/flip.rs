@@ -1,7 +1,8 @@
 //! FLIP: the difference between two pictures that people see when they flip between them.
 //!
-//! Andersson, Nilsson, Akenine-Möller, Oskarsson, Åström, Fairchild: "FLIP: A Difference Evaluator for Alternating
-//! Images" (2020), and its extension to high dynamic range, "Visualizing Errors in Rendered High Dynamic Range Images" (2021).
+//! Andersson, Nilsson, Akenine-Möller, Oskarsson, Åström, Fairchild: "FLIP: A Difference Evaluator for
+//! Alternating Images" (2020), and its extension to high dynamic range, "Visualizing Errors in Rendered High
+//! Dynamic Range Images" (2021).
 
 use std::f32::consts::PI;
 
@@ -20,8 +21,8 @@ const TO_XYZ: Mat3 = Mat3::from_cols(
     Vec3::new(0.180_480_8, 0.072_192_32, 0.950_532_15),
 );
 
-/// Mean HDR-FLIP of a picture against a reference, 0 to 1: the largest LDR-FLIP over a range of exposures of the reference,
-/// a pixel.
+/// Mean HDR-FLIP of a picture against a reference, 0 to 1: the largest LDR-FLIP over a range of exposures of
+/// the reference, a pixel.
 pub(super) fn hdr(reference: &[Rgb], test: &[Rgb], width: usize) -> f64 {
     let [start, stop] = exposures(reference);
     let count = ((stop - start).ceil() as usize).max(2);
@@ -42,8 +43,8 @@ fn tone_map(rgb: Rgb) -> Rgb {
     value.map(|v| if v.is_finite() { v.clamp(0.0, 1.0) } else { 1.0 })
 }
 
-/// Logarithms (base 2) of the first and the last exposure: they take the reference's brightest and median luminance to where
-/// the tone curve is 0.85.
+/// Logarithms (base 2) of the first and the last exposure: they take the reference's brightest and median
+/// luminance to where the tone curve is 0.85.
 fn exposures(reference: &[Rgb]) -> [f32; 2] {
     let (a, b, c): (f32, f32, f32) = (0.9036 - 0.85 * 0.8748, 0.018 - 0.85 * 0.354, -0.85 * 0.14);
     let bright = (-b + (b * b - 4.0 * a * c).sqrt()) / (2.0 * a);
@@ -124,7 +125,8 @@ fn colour_differences(reference: &[Vec3], test: &[Vec3], width: usize) -> Vec<f3
     reference.iter().zip(&test).map(map).collect()
 }
 
-/// YCxCz filtered by the contrast sensitivity functions: one Gaussian each for Y and Cx, the sum of two for Cz.
+/// YCxCz filtered by the contrast sensitivity functions: one Gaussian each for Y and Cx, the sum of two for
+/// Cz.
 fn contrast_filtered(picture: &[Vec3], width: usize) -> Vec<Vec3> {
     // Amplitude and width a of a exp(−π² x² / b) sqrt(π / b), x in degrees.
     const WIDEST: f32 = 0.04;

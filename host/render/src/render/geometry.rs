@@ -9,8 +9,8 @@ use obvhs::triangle::Triangle;
 use super::bvh::{Bvh, Hit};
 use crate::scene::{Light, Mask, Mesh, Object, Scene, Vertex, shapes};
 
-/// The least cosine between the shading normal and the view: a normal that points away from the viewer is bent to it,
-/// else the rims of smooth meshes turn black.
+/// The least cosine between the shading normal and the view: a normal that points away from the viewer is
+/// bent to it, else the rims of smooth meshes turn black.
 pub(crate) const LEAST_COSINE: f32 = 0.01;
 
 /// All triangles of a scene.
@@ -123,13 +123,30 @@ impl Geometry {
         mask.solid(self.uv(triangle, point()) * *tiling)
     }
 
+    /// The triangles of an object by their index.
+    pub(crate) fn triangles_of(&self, object: u32) -> impl Iterator<Item = u32> {
+        let first = self.objects.partition_point(|&other| other < object);
+        let end = self.objects.partition_point(|&other| other <= object);
+        first as u32..end as u32
+    }
+
+    /// The object of a triangle.
+    pub(crate) fn object_of(&self, triangle: u32) -> u32 {
+        self.objects[triangle as usize]
+    }
+
+    /// Number of triangles.
+    pub(crate) fn triangles(&self) -> usize {
+        self.triangles.len()
+    }
+
     /// The corners of a triangle.
-    fn corners(&self, triangle: u32) -> [&Vertex; 3] {
+    pub(crate) fn corners(&self, triangle: u32) -> [&Vertex; 3] {
         self.triangles[triangle as usize].map(|i| &self.vertices[i as usize])
     }
 
     /// Texture coordinates at a point of a triangle's plane.
-    fn uv(&self, triangle: u32, point: Vec3) -> Vec2 {
+    pub(crate) fn uv(&self, triangle: u32, point: Vec3) -> Vec2 {
         let corners = self.corners(triangle);
         let [wb, wc] = barycentric(corners.map(|vertex| vertex.position), point);
         corners[0].uv * (1.0 - wb - wc) + corners[1].uv * wb + corners[2].uv * wc
@@ -170,6 +187,11 @@ impl Geometry {
     /// Where rays that leave a surface start.
     pub(crate) fn leaving(&self, surface: &Surface) -> Vec3 {
         surface.shadow_origin + surface.geometric * surface.offset
+    }
+
+    /// Where rays that go on through a surface start.
+    pub(crate) fn beyond(&self, surface: &Surface) -> Vec3 {
+        surface.position - surface.geometric * surface.offset
     }
 
     /// The object of a hit, or beyond the scene's objects a rectangular light.
@@ -295,8 +317,8 @@ fn barycentric([a, b, c]: [Vec3; 3], point: Vec3) -> [f32; 2] {
     [to.cross(ac).dot(cross) / area, ab.cross(to).dot(cross) / area]
 }
 
-/// The sample's axes from interpolated vectors: normal (on the viewer's side), tangent, and the sign of y. The shader in
-/// shaders/lights.wgsl does the same.
+/// The sample's axes from interpolated vectors: normal (on the viewer's side), tangent, and the sign of y.
+/// The shader in shaders/lights.wgsl does the same.
 pub(crate) fn shading_frame(normal: Vec3, tangent: Vec3, handedness: f32, view: Vec3) -> [Vec3; 3] {
     let mut z = normal.normalize_or(view);
     let cosine = z.dot(view);

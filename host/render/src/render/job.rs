@@ -160,6 +160,9 @@ pub fn prepare(
     if let Some(method) = method {
         return by(method, None);
     }
+    if let Some(what) = scene.beyond_lobes() {
+        return by(REFERENCE, Some(format!("the scene has {what}, which `reference` alone draws")));
+    }
     if scene.environment.is_some() {
         return by(REFERENCE, Some("the scene has an environment, which `lights` does not render".into()));
     }

@@ -1,4 +1,5 @@
-//! A scene's materials packed for evaluation: black lobes dropped, β multiplied into C, one layout for CPU and shader.
+//! A scene's materials packed for evaluation: black lobes dropped, β multiplied into C, one layout for CPU
+//! and shader.
 
 use std::collections::HashMap;
 
@@ -8,7 +9,7 @@ use glam::{Vec2, Vec3};
 use super::math;
 use crate::scene::{Filter, Light, Reflectance, Scene};
 use lobelia_reflectance::mip;
-use lobelia_reflectance::{Lobe, LobeBrdf, Microfacet, Rgb, colour, lobe::into_lobe_frame};
+use lobelia_reflectance::{AshikhminShirley, Lobe, LobeBrdf, Microfacet, Rgb, colour, lobe::into_lobe_frame};
 
 /// Lobes whose value would fall below 2^−40 of ρ_s are skipped.
 const NEGLIGIBLE_LOG2: f32 = -40.0;
@@ -154,7 +155,8 @@ impl Materials {
         });
     }
 
-    /// The texels around texture coordinates with their weights; four entries, or one of weight 1 and three of 0.
+    /// The texels around texture coordinates with their weights; four entries, or one of weight 1 and three
+    /// of 0.
     #[cfg(test)]
     pub(crate) fn neighbours(&self, object: u32, uv: Vec2) -> [(u32, f32); 4] {
         let material = &self.materials[object as usize];
@@ -168,8 +170,8 @@ impl Materials {
         (material.width * material.height == 1).then_some(material.first)
     }
 
-    /// One of the neighbours, chosen with its weight as probability by two numbers in 0..1: the mean of evaluated
-    /// reflectance over such choices is the blend of the four.
+    /// One of the neighbours, chosen with its weight as probability by two numbers in 0..1: the mean of
+    /// evaluated reflectance over such choices is the blend of the four.
     pub(crate) fn choose(&self, object: u32, uv: Vec2, [r, s]: [f32; 2]) -> u32 {
         let material = &self.materials[object as usize];
         let (mut x, mut y) = texel_coordinates(material, uv);
@@ -203,8 +205,8 @@ impl Materials {
 }
 
 impl PackedMaterial {
-    /// The texels around a place in a level, in texels of that level, with their weights; four entries, or one of weight 1 and
-    /// three of 0.
+    /// The texels around a place in a level, in texels of that level, with their weights; four entries, or
+    /// one of weight 1 and three of 0.
     pub(crate) fn around(&self, level: u32, x: f32, y: f32) -> [(u32, f32); 4] {
         if self.bilinear == 0 {
             let texel = self.index(level, x.floor() as i64, y.floor() as i64);
@@ -255,7 +257,8 @@ pub(crate) struct Aimed {
     pub(crate) peak: Vec3,
     /// Exponent, of a lobe that sharpens that at its peak.
     pub(crate) n: f32,
-    /// Its exponent for light along the horizon, and by how much it is larger for light along the normal (6.19).
+    /// Its exponent for light along the horizon, and by how much it is larger for light along the normal
+    /// (6.19).
     exponents: [f32; 2],
     /// ρ_s, sr⁻¹.
     pub(crate) rho_s: Rgb,
@@ -282,20 +285,32 @@ pub(crate) struct Shader {
     pub(crate) lobes: Vec<Aimed>,
     /// The microfacet terms.
     pub(crate) microfacets: Vec<AimedMicrofacet>,
+    /// A BRDF of another form, and its probability in the mixture.
+    pub(crate) other: Option<(AshikhminShirley, f32)>,
     /// The exitant direction.
     pub(crate) wo: Vec3,
     /// Probability of the cosine-weighted sampling of the diffuse term.
     pub(crate) diffuse_share: f32,
+    /// About the luminance of its albedo, where sampling was prepared.
+    pub(crate) albedo: f32,
 }
 
 impl Shader {
     /// An empty one, to be aimed.
     pub(crate) fn new() -> Self {
-        Self { rho_d: Rgb::ZERO, lobes: Vec::new(), microfacets: Vec::new(), wo: Vec3::Z, diffuse_share: 1.0 }
+        Self {
+            rho_d: Rgb::ZERO,
+            lobes: Vec::new(),
+            microfacets: Vec::new(),
+            other: None,
+            wo: Vec3::Z,
+            diffuse_share: 1.0,
+            albedo: 0.0,
+        }
     }
 
-    /// Takes a texel and an exitant direction (in the sample's frame, above the surface); with `sampling`, prepares
-    /// [`Self::density`].
+    /// Takes a texel and an exitant direction (in the sample's frame, above the surface); with `sampling`,
+    /// prepares [`Self::density`].
     pub(crate) fn aim(&mut self, materials: &Materials, texel: u32, wo: Vec3, sampling: bool) {
         self.aim_lobes(materials.rho_d(texel), materials.lobes_of(texel), wo);
         self.add_coats(materials, texel);
@@ -320,6 +335,7 @@ impl Shader {
     pub(crate) fn aim_lobes(&mut self, rho_d: Rgb, lobes: &[PackedLobe], wo: Vec3) {
         self.rho_d = rho_d;
         self.wo = wo;
+        self.other = None;
         self.microfacets.clear();
         self.lobes.clear();
         for lobe in lobes {
@@ -366,6 +382,7 @@ impl Shader {
             *share = colour::luminance(coat.f0 + (coat.f90 - coat.f0) * grazing);
             total += *share;
         }
+        self.albedo = total;
         // A tenth of the samples at least go over the whole hemisphere, so that no direction is left out.
         let scale = if total > 0.0 { 0.9 / total } else { 0.0 };
         self.diffuse_share = 1.0;
@@ -378,6 +395,33 @@ impl Shader {
             coat.share *= scale;
             self.diffuse_share -= coat.share;
         }
+    }
+
+    /// Takes a BRDF of another form alone and an exitant direction.
+    pub(crate) fn aim_other(&mut self, brdf: &AshikhminShirley, wo: Vec3) {
+        self.aim_lobes(Rgb::ZERO, &[], wo);
+        let [diffuse, specular] = [brdf.diffuse, brdf.specular].map(colour::luminance);
+        let fresnel = specular + (1.0 - specular) * (1.0 - wo.z).powi(5);
+        let share = 0.9 * fresnel / (fresnel + diffuse * (1.0 - specular)).max(f32::MIN_POSITIVE);
+        (self.other, self.diffuse_share) = (Some((*brdf, share)), 1.0 - share);
+    }
+
+    /// Whether nothing is reflected.
+    pub(crate) fn is_black(&self) -> bool {
+        self.rho_d == Rgb::ZERO
+            && self.lobes.is_empty()
+            && self.microfacets.is_empty()
+            && self.other.is_none()
+    }
+
+    /// Whether there is nothing but a diffuse term.
+    pub(crate) fn is_diffuse(&self) -> bool {
+        self.lobes.is_empty() && self.microfacets.is_empty() && self.other.is_none()
+    }
+
+    /// The part of [`Self::eval`] that is the diffuse term's.
+    pub(crate) fn eval_diffuse(&self, wi: Vec3) -> Rgb {
+        self.rho_d + self.other.map_or(Rgb::ZERO, |(brdf, _)| brdf.diffuse(wi, self.wo))
     }
 
     /// Reflectance in sr⁻¹ (4.1) for an incident direction of the sample's frame.
@@ -404,13 +448,17 @@ impl Shader {
                 reflectance += coat.eval(wi, self.wo);
                 density += share * coat.density(wi, self.wo);
             }
+            if let Some((brdf, share)) = &self.other {
+                reflectance += brdf.eval(wi, self.wo);
+                density += share * brdf.density(wi, self.wo);
+            }
         }
         (reflectance, density)
     }
 }
 
-/// About the mean cosine over a lobe above the horizon, by the cosine of its peak: that of the peak, or of a half lobe at the
-/// horizon, and falling as the lobe does where the peak is below.
+/// About the mean cosine over a lobe above the horizon, by the cosine of its peak: that of the peak, or of a
+/// half lobe at the horizon, and falling as the lobe does where the peak is below.
 fn gathered(cosine: f32, n: f32) -> f32 {
     let half = 0.4 / (n + 1.0).sqrt();
     if cosine >= 0.0 {

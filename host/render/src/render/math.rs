@@ -6,7 +6,8 @@ pub(crate) fn powf(x: f32, y: f32) -> f32 {
     exp2(y * log2(x))
 }
 
-/// log₂ x for a normal x > 0: exponent bits, and the series of 2 artanh(t), t = (m − 1)/(m + 1), for the mantissa.
+/// log₂ x for a normal x > 0: exponent bits, and the series of 2 artanh(t), t = (m − 1)/(m + 1), for the
+/// mantissa.
 #[inline]
 pub(crate) fn log2(x: f32) -> f32 {
     const SQRT_HALF_BITS: i32 = 0x3f35_04f3;

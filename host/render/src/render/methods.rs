@@ -41,7 +41,7 @@ pub struct Method {
     /// What it can vary from frame to frame.
     pub varies: Varies,
     /// What of a scene it cannot draw, by name; empty where it draws it.
-    pub cannot_draw: fn(&Scene) -> Vec<&'static str>,
+    pub cannot_draw: fn(&Scene) -> Vec<String>,
     /// Whether it stores what it prepares.
     pub bakes: bool,
     /// The renderer by the settings given.
@@ -84,9 +84,10 @@ pub static METHODS: [Method; 4] = [
     Method {
         name: "environment",
         summary: "Prefiltered environment maps, on the CPU or the GPU",
-        draws: "environment by prefiltered maps (6.13)–(6.18), lights as in `lights`, with shadows on the GPU",
+        draws: "environment by prefiltered maps (6.13)–(6.18), lights as in `lights`, with shadows on the \
+             GPU",
         varies: Varies::ALL,
-        cannot_draw: |_| Vec::new(),
+        cannot_draw: |scene| scene.beyond_lobes().into_iter().collect(),
         bakes: true,
         renderer: |settings| Box::new(settings.environment),
         variants: |scene, settings| environment::variants(scene, &settings.environment),
@@ -94,7 +95,8 @@ pub static METHODS: [Method; 4] = [
     Method {
         name: "incident",
         summary: "Near lights by samples of incident radiance and baked transfer, on the CPU",
-        draws: "diffuse light of rectangular lights beside the objects, or of an environment, with soft shadows",
+        draws: "diffuse light of rectangular lights beside the objects, or of an environment, with soft \
+             shadows",
         varies: Varies { objects: false, ..Varies::ALL },
         cannot_draw: incident::cannot_draw,
         bakes: true,
@@ -149,8 +151,8 @@ mod tests {
         others.for_each(|method| method.check(&scene).unwrap());
         scene.lights.clear();
         let error = Method::find("lights").unwrap().check(&scene).unwrap_err();
-        let expected = "`lights` does not draw a scene that its environment alone lights; use --method reference or \
-                        environment";
+        let expected = "`lights` does not draw a scene that its environment alone lights; use --method \
+             reference or environment";
         assert_eq!(error.to_string(), expected);
     }
 }

@@ -1,8 +1,9 @@
-//! Sample points: Sobol's first two dimensions, shuffled and scrambled anew by hashing for every pixel and purpose
-//! (Burley 2020, "Practical hash-based Owen scrambling"), so that a picture depends on its seed alone.
+//! Sample points: Sobol's first two dimensions, shuffled and scrambled anew by hashing for every pixel and
+//! purpose (Burley 2020, "Practical hash-based Owen scrambling"), so that a picture depends on its seed
+//! alone.
 
-/// Point `index` of the pixel's sequence for one purpose, both coordinates in 0..1. Every aligned run of 2ᵏ points is
-/// stratified.
+/// Point `index` of the pixel's sequence for one purpose, both coordinates in 0..1. Every aligned run of 2ᵏ
+/// points is stratified.
 pub(crate) fn point(pixel: u32, index: u32, purpose: u32) -> [f32; 2] {
     let seed = hash(pixel ^ hash(purpose));
     let shuffled = scramble(index.reverse_bits(), seed).reverse_bits();
@@ -14,8 +15,8 @@ pub(crate) fn point(pixel: u32, index: u32, purpose: u32) -> [f32; 2] {
     [unit((both >> 32) as u32), unit(both as u32)]
 }
 
-/// Sobol's second dimension: Pascal's triangle modulo 2, which is a power of a 2 × 2 block, applied to the bits,
-/// with the lowest bit as the most significant.
+/// Sobol's second dimension: Pascal's triangle modulo 2, which is a power of a 2 × 2 block, applied to the
+/// bits, with the lowest bit as the most significant.
 fn sobol_second(index: u32) -> u32 {
     let mut x = index;
     for (shift, mask) in
@@ -35,7 +36,8 @@ pub(crate) fn hash(mut x: u32) -> u32 {
     x ^ (x >> 16)
 }
 
-/// Owen scrambling by hashing of a number whose lowest bit is the most significant: every bit is flipped as those below say.
+/// Owen scrambling by hashing of a number whose lowest bit is the most significant: every bit is flipped as
+/// those below say.
 fn scramble(mut x: u32, seed: u32) -> u32 {
     x = x.wrapping_add(seed);
     x ^= x.wrapping_mul(0x6c50_b47c);

@@ -1,4 +1,5 @@
-//! Reflection of lights at a surface point: L = Σ_l f(ω_l, ω_o) L_l (N·ω_l) (6.9), rectangular ones by samples of their surface.
+//! Reflection of lights at a surface point: L = Σ_l f(ω_l, ω_o) L_l (N·ω_l) (6.9), rectangular ones by
+//! samples of their surface.
 
 use glam::{Vec3, Vec4};
 
@@ -39,7 +40,8 @@ pub(crate) struct Seen {
 /// Angle between samples of a rectangular light, radians.
 const SAMPLE_ANGLE: f32 = 0.1;
 
-/// Samples of a rectangle along its edges: by the angle that they span at the distance of its nearest point, `across` at most.
+/// Samples of a rectangle along its edges: by the angle that they span at the distance of its nearest point,
+/// `across` at most.
 fn grid(lamp: &Lamp, point: Vec3, across: u32) -> [u32; 2] {
     if lamp.place.w != 2.0 {
         return [1, 1];
@@ -56,8 +58,8 @@ fn grid(lamp: &Lamp, point: Vec3, across: u32) -> [u32; 2] {
     })
 }
 
-/// Direction, distance and irradiance at a point: of a rectangle's part in cell `k` of a grid, at a place in the cell that the
-/// seed gives.
+/// Direction, distance and irradiance at a point: of a rectangle's part in cell `k` of a grid, at a place in
+/// the cell that the seed gives.
 fn see(lamp: &Lamp, point: Vec3, [columns, rows]: [u32; 2], k: u32, seed: u32) -> Seen {
     if lamp.place.w == 0.0 {
         return Seen {
@@ -85,8 +87,8 @@ fn see(lamp: &Lamp, point: Vec3, [columns, rows]: [u32; 2], k: u32, seed: u32) -
     Seen { toward, distance, irradiance }
 }
 
-/// Radiance reflected toward the viewer from all lamps, rectangles by `across` samples along an edge at most, as far as `visible`
-/// lets it through. The seed, a pixel's, moves the samples.
+/// Radiance reflected toward the viewer from all lamps, rectangles by `across` samples along an edge at most,
+/// as far as `visible` lets it through. The seed, a pixel's, moves the samples.
 pub(crate) fn reflect_lights(
     lamps: &[Lamp],
     across: u32,

@@ -17,7 +17,7 @@ pub(crate) struct Stage {
 pub(crate) struct Changes {
     /// Places of objects or of lights that are seen: the triangles.
     pub(crate) triangles: bool,
-    /// Lights, in place or power.
+    /// Lights, in place or power, and what shines.
     pub(crate) lights: bool,
     /// The turn of the environment.
     pub(crate) turn: bool,
@@ -56,12 +56,15 @@ impl Stage {
             _ => None,
         };
         let shapes = |scene: &Scene| scene.lights.iter().map(shape).collect::<Vec<_>>();
+        let emissions = |scene: &Scene| {
+            scene.objects.iter().map(|object| object.material.emission.clone()).collect::<Vec<_>>()
+        };
         let objects = self.now.objects.iter().zip(&next.objects);
         let rotation = |scene: &Scene| scene.environment.as_ref().map(|environment| environment.rotation);
         let changes = Changes {
             triangles: objects.into_iter().any(|(a, b)| a.transform != b.transform)
                 || shapes(&self.now) != shapes(&next),
-            lights: self.now.lights != next.lights,
+            lights: self.now.lights != next.lights || emissions(&self.now) != emissions(&next),
             turn: rotation(&self.now) != rotation(&next),
         };
         self.now = next;

@@ -1,9 +1,10 @@
-//! Coefficients in fewer bits (stability case G15): f16 and 8 bits against f32. What is written here shaders/lights/texels.wgsl
-//! reads.
+//! Coefficients in fewer bits (stability case G15): f16 and 8 bits against f32. What is written here
+//! shaders/lights/texels.wgsl reads.
 //!
-//! A texel is a header (ρ_d and β as tan β/2), its lobes (ρ_s and n; C and the exponent toward grazing, n again for most) and its
-//! microfacet terms (f0 and nothing; f90 and the roughness √α): groups of four values. In a scene with lobes about normals of their
-//! own or that sharpen the header has a second group, x and y of the normal and nothing.
+//! A texel is a header (ρ_d and β as tan β/2), its lobes (ρ_s and n; C and the exponent toward grazing, n
+//! again for most) and its microfacet terms (f0 and nothing; f90 and the roughness √α): groups of four
+//! values. In a scene with lobes about normals of their own or that sharpen the header has a second group, x
+//! and y of the normal and nothing.
 
 use std::f32::consts::PI;
 
@@ -23,10 +24,11 @@ pub enum Storage {
     F32,
     /// 16-bit floats.
     F16,
-    /// 16-bit floats, C scaled so that a lobe's largest base is exactly 1; ρ_s is then its peak. A lobe that sharpens toward grazing keeps
-    /// its C: with two exponents no ρ_s makes up for the scale.
+    /// 16-bit floats, C scaled so that a lobe's largest base is exactly 1; ρ_s is then its peak. A lobe that
+    /// sharpens toward grazing keeps its C: with two exponents no ρ_s makes up for the scale.
     F16Scaled,
-    /// 8 bits a coefficient as the source did: C over −1..1, n over 0..255, albedos over 0..1 sr⁻¹, all clamped.
+    /// 8 bits a coefficient as the source did: C over −1..1, n over 0..255, albedos over 0..1 sr⁻¹, all
+    /// clamped.
     Bits8,
     /// 8 bits: C scaled as above, or clamped to −1..1, ln n, and albedos over the map's own range.
     Bits8Scaled,
@@ -57,12 +59,14 @@ impl Storage {
             Self::F16 => ("f16", "16-bit floats"),
             Self::F16Scaled => (
                 "f16-scaled",
-                "16-bit floats, C scaled so that a lobe's largest base is exactly 1; ρ_s is then its peak. A lobe that sharpens \
-                 toward grazing keeps its C: with two exponents no ρ_s makes up for the scale",
+                "16-bit floats, C scaled so that a lobe's largest base is exactly 1; ρ_s is then its peak. A \
+                 lobe that sharpens toward grazing keeps its C: with two exponents no ρ_s makes up for the \
+                 scale",
             ),
             Self::Bits8 => (
                 "8bit",
-                "8 bits a coefficient as the source did: C over −1..1, n over 0..255, albedos over 0..1 sr⁻¹, all clamped",
+                "8 bits a coefficient as the source did: C over −1..1, n over 0..255, albedos over 0..1 \
+                 sr⁻¹, all clamped",
             ),
             Self::Bits8Scaled => (
                 "8bit-scaled",
@@ -105,8 +109,8 @@ impl Storage {
         matches!(self, Self::F16Scaled | Self::Bits8Scaled)
     }
 
-    /// Range and number of steps of a coefficient in 8 bits; the exponent's logarithm where C is scaled. An even number of steps
-    /// has 0 among them.
+    /// Range and number of steps of a coefficient in 8 bits; the exponent's logarithm where C is scaled. An
+    /// even number of steps has 0 among them.
     fn steps(self, kind: Kind, brightest: f32) -> ([f32; 2], f32) {
         match (kind, self.is_scaled()) {
             (Kind::Albedo, false) => ([0.0, 1.0], 255.0),
@@ -176,8 +180,8 @@ impl Storage {
         }
     }
 
-    /// Appends the words of a texel that [`Self::stored`] gave; `extended` where the scene has lobes about normals of their own or
-    /// that sharpen.
+    /// Appends the words of a texel that [`Self::stored`] gave; `extended` where the scene has lobes about
+    /// normals of their own or that sharpen.
     pub(crate) fn append(self, stored: &LobeBrdf, brightest: f32, extended: bool, words: &mut Vec<u32>) {
         let mut group = |values: [(Kind, f32); 4]| {
             let codes = values.map(|(kind, value)| self.code(kind, value, brightest));
@@ -238,8 +242,8 @@ fn half_tangent(beta: f32) -> f32 {
     ((beta - PI * (beta / PI).round()) / 2.0).tan()
 }
 
-/// The same lobe with the largest base over all pairs of directions scaled to 1: ρ_s is then its peak. A lobe whose base is
-/// nowhere positive stays as it is, and one that sharpens.
+/// The same lobe with the largest base over all pairs of directions scaled to 1: ρ_s is then its peak. A lobe
+/// whose base is nowhere positive stays as it is, and one that sharpens.
 fn scaled(lobe: &Lobe) -> Lobe {
     let largest = lobe.c.x.abs().max(lobe.c.y.abs()).max(lobe.c.z);
     if largest <= 0.0 || lobe.n_grazing.is_some() {

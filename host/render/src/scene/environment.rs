@@ -27,7 +27,8 @@ impl Environment {
     /// An environment from its pixels.
     ///
     /// # Errors
-    /// Input errors for a wrong number of pixels, or a radiance that is negative or not finite (which pixel is named).
+    /// Input errors for a wrong number of pixels, or a radiance that is negative or not finite (which pixel
+    /// is named).
     pub fn new(width: usize, height: usize, pixels: Vec<Rgb>) -> Result<Self> {
         if width == 0 || height == 0 || pixels.len() != width * height {
             return Err(Error::input(format!(

@@ -11,11 +11,13 @@ use lobelia_reflectance::picture::Picture;
 use lobelia_reflectance::radiance_file::{self, Radiance};
 
 impl Environment {
-    /// Reads an equirectangular image or, where an OpenEXR file says so (`envmap`), the six faces of a cube: `.exr` or `.hdr` (Radiance
-    /// RGBE). Other primaries than Rec. 709 are converted where the file names them, what lies outside the data window is black.
-    /// Negative values, which lossy compression and resampling leave around lamps, are taken as 0.
+    /// Reads an equirectangular image or, where an OpenEXR file says so (`envmap`), the six faces of a cube:
+    /// `.exr` or `.hdr` (Radiance RGBE). Other primaries than Rec. 709 are converted where the file names
+    /// them, what lies outside the data window is black. Negative values, which lossy compression and
+    /// resampling leave around lamps, are taken as 0.
     ///
-    /// A cube shows what its conversion to an equirectangular image by OpenEXR's own tool shows: OpenEXR's +z is in the middle.
+    /// A cube shows what its conversion to an equirectangular image by OpenEXR's own tool shows: OpenEXR's +z
+    /// is in the middle.
     ///
     /// # Errors
     /// Input errors for a file that is missing, of another kind, or holds radiance that is not finite.
@@ -53,7 +55,8 @@ impl Environment {
     }
 }
 
-/// Six faces, one below the other, in OpenEXR's order (+x, −x, +y, −y, +z, −z), pixels on their edges included.
+/// Six faces, one below the other, in OpenEXR's order (+x, −x, +y, −y, +z, −z), pixels on their edges
+/// included.
 struct Cube<'a> {
     face: usize,
     width: usize,
@@ -74,7 +77,8 @@ impl Cube<'_> {
     }
 }
 
-/// The face that a direction of OpenEXR's frame meets, and where on it: right and down, −1..1 (OpenEXR's `ImfEnvmap.h`).
+/// The face that a direction of OpenEXR's frame meets, and where on it: right and down, −1..1 (OpenEXR's
+/// `ImfEnvmap.h`).
 fn face_and_place(d: Vec3) -> (usize, Vec2) {
     let size = d.abs();
     if size.x >= size.y && size.x >= size.z {
@@ -140,7 +144,8 @@ mod tests {
 
     #[test]
     fn faces_of_a_cube_lie_as_openexr_draws_them() {
-        // ImfEnvmap.h gives the direction of a place in a face, and the pixel that shows it; the pixels here hold their directions.
+        // ImfEnvmap.h gives the direction of a place in a face, and the pixel that shows it; the pixels here
+        // hold their directions.
         const N: usize = 33;
         let mut pixels = vec![Rgb::ZERO; 6 * N * N];
         for face in 0..6 {

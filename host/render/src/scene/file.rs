@@ -1,4 +1,5 @@
-//! Scene files: TOML that names meshes, materials, lights, the environment and the camera. Paths are relative to the file.
+//! Scene files: TOML that names meshes, materials, lights, the environment and the camera. Paths are relative
+//! to the file.
 //!
 //! ```toml
 //! exposure = 1.0
@@ -15,30 +16,41 @@
 //! builtin = "studio"                    # or "sky", or file = "lobby.exr"
 //!
 //! [[object]]
-//! mesh = "drape"                        # sphere, plane, backdrop, drape, or a .gltf, .glb, .obj, .ply or .bpt (Bézier patches) file
-//! # or a shape to a tolerance, how far triangles may be from it in units of the scene (1/2000 of its longest side when left out):
+//! # sphere, plane, backdrop, drape, swarm, or a .gltf, .glb, .obj, .ply or .bpt (Bézier patches) file
+//! mesh = "drape"
+//! # or a shape to a tolerance, how far triangles may be from it in units of the scene (1/2000 of its
+//! # longest side when left out):
 //! # shape.sphere = { radius = 1.0, tolerance = 0.001 }
 //! # shape.torus = { radius = 1.0, tube = 0.3 }
 //! # shape.cylinder = { radius = 1.0, height = 2.0, lids = true }
 //! # shape.box = { size = [1.0, 1.0, 1.0] }
-//! # shape.lathe = { profile = [[0.0, 1.0], [1.0, 0.0]], smooth = false }  # radius, height; smooth: cubic Bézier pieces
-//! # shape.height_field = { file = "dunes.png", size = [4.0, 4.0], height = 0.5 }  # or heights = [[0.0, 0.1], [0.2, 0.0]]
+//! # shape.lathe = { profile = [[0.0, 1.0], [1.0, 0.0]], smooth = false }  # radius, height; smooth:
+//! # cubic Bézier pieces
+//! # shape.height_field = { file = "dunes.png", size = [4.0, 4.0], height = 0.5 }  # or heights =
+//! # [[0.0, 0.1], [0.2, 0.0]]
 //! # shape.teapot = { bottom = true }
 //! # shape.bezier = { file = "patches.bpt" }
 //! [object.material]
 //! map = "weave.exr"                     # or published = "clay", or weave or check = ["clay", "felt"],
-//!                                       # or albedo, rho_d, beta_deg and lobes; weave.mip1.exr and so on are its MIP levels
+//! # or albedo, rho_d, beta_deg and lobes; weave.mip1.exr and so on are its MIP levels
 //! tiling = [4.0, 4.0]
-//! mask = "leaf.png"                     # cut out where alpha, or brightness, is below 0.5; a map may have a channel alpha instead
+//! # a perfect mirror, over those or alone; other materials: [`super::material_file`]
+//! mirror = [0.1, 0.1, 0.1]
+//! # radiance of the front; emission_map = "glow.exr" is a texture of it
+//! emission = [2.0, 2.0, 2.0]
+//! # cut out where alpha, or brightness, is below 0.5; a map may have a channel alpha instead
+//! mask = "leaf.png"
 //!
 //! [[light]]
-//! kind = "directional"                  # or "point": position, intensity; or "rectangle": centre, edges, radiance
+//! # or "point": position, intensity; or "rectangle": centre, edges, radiance
+//! kind = "directional"
 //! toward = [0.3, 1.0, 0.5]
 //! irradiance = [2.0, 2.0, 2.0]
 //!
 //! [[parameter]]                         # what has a name to be varied by
 //! name = "hour"
-//! range = [8.0, 20.0]                   # from where it does nothing to where it does all of this, in proportion
+//! # from where it does nothing to where it does all of this, in proportion
+//! range = [8.0, 20.0]
 //! value = 12.0                          # where it stands; the first of range when left out
 //! environment_turn_deg = 90.0
 //! light.lamp = { dim = 0.2 }            # as in a key of the animation
@@ -50,28 +62,29 @@
 //! position = [0.0, 1.2, 4.0]
 //! target = [0.0, 0.6, 0.0]
 //! environment_turn_deg = 30.0           # about +y, beyond rotation_deg
-//! light.lamp = { move = [1.0, 0.0, 0.0], turn_deg = [0.0, 90.0, 0.0], dim = 0.5 }   # by the light's name, or its number from 0
+//! # by the light's name, or its number from 0
+//! light.lamp = { move = [1.0, 0.0, 0.0], turn_deg = [0.0, 90.0, 0.0], dim = 0.5 }
 //! object.ball = { move = [0.0, 0.5, 0.0] }
 //! parameter.hour = 18.0
 //! ```
 
 use std::collections::BTreeMap;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::sync::Arc;
 
-use glam::{Affine3A, DVec3, EulerRot, Quat, Vec2, Vec3};
+use glam::{Affine3A, DVec3, EulerRot, Quat, Vec3};
 use serde::Deserialize;
 
+use super::material_file::MaterialFile;
 use super::shape_file::ShapeFile;
 use super::state::Drive;
 use super::{
-    Animation, Background, Camera, Environment, Filter, Light, Mask, Material, Mesh, Object, Parameter,
-    Placement, Reflectance, Scene, State, shapes, shipped, showcase,
+    Animation, Background, Camera, Environment, Light, Mesh, Object, Parameter, Placement, Scene, State,
+    shapes, shipped,
 };
 use lobelia_base::error::{Error, Result};
 use lobelia_base::{files, toml_file};
-use lobelia_reflectance::mip;
-use lobelia_reflectance::{Lobe, LobeBrdf, Rgb, SbrdfMap, colour, materials};
+use lobelia_reflectance::{Rgb, colour};
 
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -181,32 +194,6 @@ struct ObjectFile {
     material: MaterialFile,
 }
 
-#[derive(Deserialize, Default)]
-#[serde(deny_unknown_fields)]
-struct MaterialFile {
-    map: Option<String>,
-    published: Option<String>,
-    weave: Option<[String; 2]>,
-    check: Option<[String; 2]>,
-    albedo: Option<Rgb>,
-    rho_d: Option<Rgb>,
-    #[serde(default)]
-    beta_deg: f32,
-    #[serde(default)]
-    lobes: Vec<LobeFile>,
-    tiling: Option<Vec2>,
-    filter: Option<Filter>,
-    mask: Option<String>,
-}
-
-#[derive(Deserialize)]
-#[serde(deny_unknown_fields)]
-struct LobeFile {
-    rho_s: Rgb,
-    c: Vec3,
-    n: f32,
-}
-
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct LightFile {
@@ -234,7 +221,7 @@ fn up() -> Vec3 {
 }
 
 /// Names as a list in a sentence.
-fn either(names: &[&str]) -> String {
+pub(super) fn either(names: &[&str]) -> String {
     names.iter().map(|name| format!("\"{name}\"")).collect::<Vec<_>>().join(", ")
 }
 
@@ -246,7 +233,8 @@ impl Scene {
     pub fn read(path: &Path) -> Result<Self> {
         if let Some(what) = files::what_is(path) {
             return Err(Error::input(format!(
-                "{}: {what}, not a scene; a scene is a .toml file that names it (lobelia template scene prints one)",
+                "{}: {what}, not a scene; a scene is a .toml file that names it (lobelia template scene \
+                 prints one)",
                 path.display()
             )));
         }
@@ -275,24 +263,6 @@ impl Scene {
     }
 }
 
-/// The MIP levels that lie beside a map, which must be its own: those of an earlier map of that name would show from afar alone.
-fn levels_of(
-    finest: &Path,
-    map: &SbrdfMap,
-    levels: Vec<(PathBuf, Arc<SbrdfMap>)>,
-) -> Result<Vec<Arc<SbrdfMap>>> {
-    let known = || levels.iter().filter_map(|(file, level)| Some((file, level.attributes.get(mip::OF)?)));
-    let of = known().next().map(|_| mip::fingerprint(map));
-    if let Some((file, _)) = known().find(|(_, whose)| Some(*whose) != of.as_ref()) {
-        return Err(Error::input(format!(
-            "key map: {}: a MIP level of another map than {}; fit again with --mip, or remove the levels",
-            file.display(),
-            finest.display()
-        )));
-    }
-    Ok(levels.into_iter().map(|(_, level)| level).collect())
-}
-
 /// Turns the parsed file into a checked scene.
 fn build(file: SceneFile, folder: &Path) -> Result<Scene> {
     let CameraFile { position, target, up, fov_deg, width, height } = file.camera;
@@ -305,8 +275,7 @@ fn build(file: SceneFile, folder: &Path) -> Result<Scene> {
         let name = object.name.clone().unwrap_or_else(|| format!("{kind} {index}"));
         let place = format!("object \"{name}\"");
         let (mesh, middle) = geometry(object, folder).map_err(|error| error.at(&place))?;
-        let material =
-            material(&object.material, folder).map_err(|error| error.at("key material").at(&place))?;
+        let material = object.material.read(folder).map_err(|error| error.at("key material").at(&place))?;
         let [x, y, z] = object.rotate_deg.to_array().map(f32::to_radians);
         let rotation = Quat::from_euler(EulerRot::ZYX, z, y, x);
         // Where the mesh's own origin comes to stand, in double precision.
@@ -347,8 +316,8 @@ fn build(file: SceneFile, folder: &Path) -> Result<Scene> {
     Ok(scene)
 }
 
-/// What the scene's coordinates are made relative to: the camera's target where it lies so far from 0 that single precision would
-/// blur what the camera sees, else 0.
+/// What the scene's coordinates are made relative to: the camera's target where it lies so far from 0 that
+/// single precision would blur what the camera sees, else 0.
 fn origin(position: DVec3, target: DVec3) -> DVec3 {
     /// Distance from 0, in distances from camera to target, up to which coordinates stay.
     const FAR: f64 = 64.0;
@@ -444,78 +413,13 @@ fn mesh(name: &str, folder: &Path) -> Result<(Mesh, DVec3)> {
         "plane" => shape(shapes::plane(16)),
         "backdrop" => shape(shapes::backdrop(64)),
         "drape" => shape(shapes::drape(224)),
+        "swarm" => shape(shapes::swarm(50)),
         file if Path::new(file).extension().is_some() => Mesh::read(&folder.join(file)),
         other => Err(Error::input(format!(
             "there is no shape \"{other}\"; use one of {} or a .gltf, .glb, .obj, .ply or .bpt file",
-            either(&["sphere", "plane", "backdrop", "drape"])
+            either(&["sphere", "plane", "backdrop", "drape", "swarm"])
         ))),
     }
-}
-
-/// The material of exactly one kind.
-fn material(entry: &MaterialFile, folder: &Path) -> Result<Material> {
-    let inline = entry.albedo.is_some() || entry.rho_d.is_some() || !entry.lobes.is_empty();
-    let named = [
-        entry.map.is_some(),
-        entry.published.is_some(),
-        entry.weave.is_some(),
-        entry.check.is_some(),
-        inline,
-    ];
-    if named.iter().filter(|&&named| named).count() != 1 || (entry.albedo.is_some() && entry.rho_d.is_some())
-    {
-        return Err(Error::input(
-            "name exactly one of map, published, weave, check, or coefficients (albedo or rho_d, beta_deg, lobes)",
-        ));
-    }
-    let mut levels = vec![];
-    let reflectance = if let Some(file) = &entry.map {
-        let path = folder.join(file);
-        let read = |path: &Path| {
-            SbrdfMap::read_exr(path).map(Arc::new).map_err(|error| Error::format(error).at("key map"))
-        };
-        let map = read(&path)?;
-        let files = (1..=mip::last([map.width, map.height])).map(|level| mip::path(&path, level));
-        levels = files
-            .take_while(|file| file.exists())
-            .map(|file| read(&file).map(|level| (file, level)))
-            .collect::<Result<Vec<_>>>()
-            .and_then(|levels| levels_of(&path, &map, levels))?;
-        Reflectance::Map(map)
-    } else if let Some(name) = &entry.published {
-        Reflectance::Uniform(published(name)?)
-    } else if let Some([warp, weft]) = &entry.weave {
-        Reflectance::Map(Arc::new(showcase::weave(&published(warp)?, &published(weft)?, 16)))
-    } else if let Some([first, second]) = &entry.check {
-        Reflectance::Map(Arc::new(showcase::check(&published(first)?, &published(second)?, 2, 32)))
-    } else {
-        let mut brdf = LobeBrdf::diffuse(entry.albedo.unwrap_or(Rgb::ZERO));
-        brdf.rho_d = entry.rho_d.unwrap_or(brdf.rho_d);
-        brdf.lobes = entry.lobes.iter().map(|lobe| Lobe::new(lobe.rho_s, lobe.c, lobe.n)).collect();
-        Reflectance::Uniform(brdf)
-    };
-    let reflectance = match reflectance {
-        Reflectance::Uniform(brdf) => Reflectance::Uniform(brdf.rotated(entry.beta_deg.to_radians())),
-        Reflectance::Map(_) if entry.beta_deg != 0.0 => {
-            return Err(Error::input("key beta_deg: a map has its own direction of anisotropy"));
-        }
-        map => map,
-    };
-    let tiling = entry.tiling.unwrap_or(Vec2::ONE);
-    let mut material = Material::new(reflectance, tiling, entry.filter.unwrap_or_default());
-    material.levels = levels;
-    if let Some(file) = &entry.mask {
-        let mask = Mask::read(&folder.join(file)).map_err(|error| error.at("key mask"))?;
-        material.mask = Some(Arc::new(mask));
-    }
-    Ok(material)
-}
-
-/// A published material by name.
-fn published(name: &str) -> Result<LobeBrdf> {
-    materials::published(name).ok_or_else(|| {
-        Error::input(format!("there is no material \"{name}\"; use one of {}", either(&materials::NAMES)))
-    })
 }
 
 /// A light of a known kind with the keys of that kind and no others.
@@ -589,6 +493,7 @@ fn background(text: Option<&str>) -> Result<Background> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use lobelia_reflectance::{SbrdfMap, mip};
 
     const CAMERA: &str =
         "[camera]\nposition = [0, 0, 4]\ntarget = [0, 0, 0]\nfov_deg = 40\nwidth = 8\nheight = 6\n";
@@ -603,15 +508,14 @@ mod tests {
     #[test]
     fn a_scene_of_every_kind_of_entry_is_read() {
         let scene = read(&format!(
-            "background = \"#ffffff\"\nexposure = 2\n{CAMERA}\
-            [environment]\nbuiltin = \"studio\"\nrotation_deg = 90\n\
-            [[object]]\nmesh = \"sphere\"\ntranslate = [1, 0, 0]\nscale = [2, 2, 2]\nmaterial.published = \"clay\"\n\
-            [[object]]\nmesh = \"plane\"\n[object.material]\nalbedo = [0.5, 0.5, 0.5]\n\
-            lobes = [{{ rho_s = [0.1, 0.1, 0.1], c = [-1, -1, 1], n = 20 }}]\n\
-            [[light]]\nkind = \"directional\"\ntoward = [0, 2, 0]\nirradiance = [1, 1, 1]\n\
-            [[light]]\nkind = \"point\"\nposition = [0, 2, 0]\nintensity = [1, 1, 1]\n\
-            [[light]]\nkind = \"rectangle\"\ncentre = [0, 2, 0]\nedges = [[1, 0, 0], [0, 0, 1]]\n\
-            radiance = [1, 1, 1]\n"
+            "background = \"#ffffff\"\nexposure = 2\n{CAMERA}[environment]\nbuiltin = \
+             \"studio\"\nrotation_deg = 90\n[[object]]\nmesh = \"sphere\"\ntranslate = [1, 0, 0]\nscale = \
+             [2, 2, 2]\nmaterial.published = \"clay\"\n[[object]]\nmesh = \
+             \"plane\"\n[object.material]\nalbedo = [0.5, 0.5, 0.5]\nlobes = [{{ rho_s = [0.1, 0.1, 0.1], c \
+             = [-1, -1, 1], n = 20 }}]\n[[light]]\nkind = \"directional\"\ntoward = [0, 2, 0]\nirradiance = \
+             [1, 1, 1]\n[[light]]\nkind = \"point\"\nposition = [0, 2, 0]\nintensity = [1, 1, \
+             1]\n[[light]]\nkind = \"rectangle\"\ncentre = [0, 2, 0]\nedges = [[1, 0, 0], [0, 0, \
+             1]]\nradiance = [1, 1, 1]\n"
         ))
         .unwrap();
         assert_eq!((scene.objects.len(), scene.lights.len()), (2, 3));
@@ -635,13 +539,15 @@ mod tests {
             ("[[light]]\nkind = \"spot\"\n", vec!["light 0", "spot", "directional"]),
             ("[[light]]\nkind = \"point\"\ntoward = [0, 1, 0]\n", vec!["light 0", "position and intensity"]),
             (
-                "[[light]]\nkind = \"rectangle\"\ncentre = [0, 1, 0]\nedges = [[1, 0, 0], [1, 1, 0]]\nradiance = [1, 1, 1]\n",
+                "[[light]]\nkind = \"rectangle\"\ncentre = [0, 1, 0]\nedges = [[1, 0, 0], [1, 1, \
+                 0]]\nradiance = [1, 1, 1]\n",
                 vec!["light 0", "perpendicular"],
             ),
             ("[environment]\nbuiltin = \"cave\"\n", vec!["environment", "cave", "sky"]),
             ("[environment]\nrotation = 3\n", vec!["line 8", "unknown key `rotation`", "`rotation_deg`"]),
             (
-                "[[object]]\nmesh = \"plane\"\nmaterial.lobes = [{ rho_s = [1, 1, 1], c = [-1, -1, 1], n = -2 }]\n",
+                "[[object]]\nmesh = \"plane\"\nmaterial.lobes = [{ rho_s = [1, 1, 1], c = [-1, -1, 1], n = \
+                 -2 }]\n",
                 vec!["plane 0", "lobe0.n is -2"],
             ),
         ] {
@@ -744,14 +650,14 @@ mod tests {
     #[test]
     fn an_animation_varies_all_that_a_state_holds_by_name_or_number() {
         let text = format!(
-            "{CAMERA}[environment]\nbuiltin = \"studio\"\n\
-            [[object]]\nname = \"ball\"\nmesh = \"sphere\"\nmaterial.published = \"clay\"\n\
-            [[light]]\nname = \"lamp\"\nkind = \"point\"\nposition = [0, 2, 0]\nintensity = [1, 1, 1]\n\
-            [[light]]\nkind = \"directional\"\ntoward = [0, 1, 0]\nirradiance = [1, 1, 1]\n\
-            [[parameter]]\nname = \"hour\"\nrange = [8, 20]\nlight.lamp = {{ dim = 0 }}\n\
-            [animation]\nframes = 3\n[[animation.key]]\n\
-            [[animation.key]]\nenvironment_turn_deg = 90\nlight.lamp = {{ move = [1, 0, 0] }}\n\
-            light.1 = {{ turn_deg = [90, 0, 0], dim = 0.5 }}\nobject.ball.move = [0, 3, 0]\nparameter.hour = 20\n"
+            "{CAMERA}[environment]\nbuiltin = \"studio\"\n[[object]]\nname = \"ball\"\nmesh = \
+             \"sphere\"\nmaterial.published = \"clay\"\n[[light]]\nname = \"lamp\"\nkind = \
+             \"point\"\nposition = [0, 2, 0]\nintensity = [1, 1, 1]\n[[light]]\nkind = \
+             \"directional\"\ntoward = [0, 1, 0]\nirradiance = [1, 1, 1]\n[[parameter]]\nname = \
+             \"hour\"\nrange = [8, 20]\nlight.lamp = {{ dim = 0 }}\n[animation]\nframes = \
+             3\n[[animation.key]]\n[[animation.key]]\nenvironment_turn_deg = 90\nlight.lamp = {{ move = [1, \
+             0, 0] }}\nlight.1 = {{ turn_deg = [90, 0, 0], dim = 0.5 }}\nobject.ball.move = [0, 3, \
+             0]\nparameter.hour = 20\n"
         );
         let scene = read(&text).unwrap();
         let frames = scene.frames();

@@ -1,5 +1,5 @@
-//! Tangent frames from texture coordinates (6.1), with what the equation leaves open: mirrored texture, missing normals,
-//! missing texture coordinates, triangles without area.
+//! Tangent frames from texture coordinates (6.1), with what the equation leaves open: mirrored texture,
+//! missing normals, missing texture coordinates, triangles without area.
 
 use std::collections::HashMap;
 
@@ -8,7 +8,8 @@ use glam::{DVec3, Vec2, Vec3};
 use super::mesh::{Corner, Mesh, RawMesh, Vertex};
 use super::winding;
 
-/// The unit vector nearest to `along` that is perpendicular to `normal`; any perpendicular one when they are parallel.
+/// The unit vector nearest to `along` that is perpendicular to `normal`; any perpendicular one when they are
+/// parallel.
 pub(crate) fn perpendicular(along: Vec3, normal: Vec3) -> Vec3 {
     let flat = along - normal * normal.dot(along);
     if flat.length_squared() > 1e-12 * along.length_squared().max(1e-30) {
@@ -25,7 +26,8 @@ pub(crate) fn complete(raw: &RawMesh, origin: DVec3) -> Mesh {
     let mut triangles = raw.triangles.clone();
     drop_empty_normals(&mut triangles, &raw.normals);
     let positions: Vec<Vec3> = raw.positions.iter().map(|&position| (position - origin).as_vec3()).collect();
-    // Frames are found on the mesh at the size of 1: areas of very large or small meshes are beyond single precision.
+    // Frames are found on the mesh at the size of 1: areas of very large or small meshes are beyond single
+    // precision.
     let size =
         raw.positions.iter().map(|&position| (position - origin).abs().max_element()).fold(0.0, f64::max);
     let shape: Vec<Vec3> = raw
@@ -85,7 +87,8 @@ fn drop_empty_normals(triangles: &mut [[Corner; 3]], normals: &[Vec3]) {
     }
 }
 
-/// Normals a position for corners that have none, of the triangles that have such; these are turned so that neighbours agree.
+/// Normals a position for corners that have none, of the triangles that have such; these are turned so that
+/// neighbours agree.
 fn computed_normals(positions: &[Vec3], triangles: &mut [[Corner; 3]]) -> Vec<Vec3> {
     let bare: Vec<usize> =
         (0..triangles.len()).filter(|&t| triangles[t].iter().any(|corner| corner.normal.is_none())).collect();
@@ -101,7 +104,8 @@ fn computed_normals(positions: &[Vec3], triangles: &mut [[Corner; 3]]) -> Vec<Ve
     smooth_normals(positions, &turned)
 }
 
-/// What makes corners one vertex: position, normal, texture coordinates or the side that they are projected from, orientation.
+/// What makes corners one vertex: position, normal, texture coordinates or the side that they are projected
+/// from, orientation.
 type Key = (u32, Option<u32>, Option<u32>, Option<u8>, bool);
 
 /// Vertices being joined from corners.
@@ -152,7 +156,8 @@ fn smooth_normals(positions: &[Vec3], triangles: &[[u32; 3]]) -> Vec<Vec3> {
     normals.into_iter().map(|n| n.normalize_or(Vec3::Y)).collect()
 }
 
-/// Texture coordinates by projection along the axis that each triangle faces most, 0..1 over the longest side of the box.
+/// Texture coordinates by projection along the axis that each triangle faces most, 0..1 over the longest side
+/// of the box.
 struct BoxProjection {
     low: Vec3,
     scale: f32,
@@ -190,7 +195,8 @@ impl BoxProjection {
 mod tests {
     use super::*;
 
-    /// Triangles whose corners have normals and texture coordinates of the positions' indices, where there are any.
+    /// Triangles whose corners have normals and texture coordinates of the positions' indices, where there
+    /// are any.
     fn raw(positions: &[Vec3], normals: Vec<Vec3>, uvs: Vec<Vec2>, triangles: &[[u32; 3]]) -> RawMesh {
         let has = (!normals.is_empty(), !uvs.is_empty());
         let corner =

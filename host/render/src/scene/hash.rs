@@ -36,6 +36,8 @@ pub fn materials(scene: &Scene) -> String {
         }
         material.levels.iter().for_each(|level| hash.update(mip::fingerprint(level).as_bytes()));
         hash.update(format!("{:?} {:?}", material.tiling, material.filter).as_bytes());
+        // Of textures the numbers that are printed tell all bits apart.
+        hash.update(format!("{:?} {:?}", material.optics, material.emission).as_bytes());
         if let Some(mask) = &material.mask {
             hash.update(format!("{} {}", mask.width, mask.height).as_bytes());
             hash.update(bytemuck::cast_slice(&mask.bits));

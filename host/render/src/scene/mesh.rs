@@ -6,7 +6,8 @@ use glam::{Affine3A, DVec3, Vec2, Vec3};
 use super::frame;
 use lobelia_base::error::{Error, Result};
 
-/// A vertex. The sample's x axis is `tangent`, y is `handedness` · normal × tangent, z is `normal`; y points against v.
+/// A vertex. The sample's x axis is `tangent`, y is `handedness` · normal × tangent, z is `normal`; y points
+/// against v.
 #[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
 #[repr(C)]
 pub struct Vertex {
@@ -42,7 +43,8 @@ pub struct Corner {
     pub uv: Option<u32>,
 }
 
-/// A mesh as files hold it: every corner may have a normal and texture coordinates or not, whatever others have.
+/// A mesh as files hold it: every corner may have a normal and texture coordinates or not, whatever others
+/// have.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct RawMesh {
     /// Positions, in double precision: some lie far from the origin.
@@ -58,7 +60,8 @@ pub struct RawMesh {
 impl RawMesh {
     /// The middle of the mesh where its coordinates are so large that single precision would blur it, else 0.
     pub fn origin(&self) -> DVec3 {
-        /// Distance from 0, in sizes of the mesh, up to which coordinates stay: 2⁻¹⁸ of the size is then the step between two.
+        /// Distance from 0, in sizes of the mesh, up to which coordinates stay: 2⁻¹⁸ of the size is then the
+        /// step between two.
         const FAR: f64 = 64.0;
         let low = self.positions.iter().copied().reduce(DVec3::min).unwrap_or_default();
         let high = self.positions.iter().copied().reduce(DVec3::max).unwrap_or_default();
@@ -68,11 +71,13 @@ impl RawMesh {
 }
 
 impl Mesh {
-    /// Completes a mesh from a file: normals (angle-weighted), box-projected texture coordinates, tangent frames (6.1). Positions are
-    /// relative to [`RawMesh::origin`], which is given back. Vertices are split where mirrored and unmirrored texture meet.
+    /// Completes a mesh from a file: normals (angle-weighted), box-projected texture coordinates, tangent
+    /// frames (6.1). Positions are relative to [`RawMesh::origin`], which is given back. Vertices are split
+    /// where mirrored and unmirrored texture meet.
     ///
     /// # Errors
-    /// Input errors for a mesh without triangles, an index out of range, or a position or texture coordinates that are not finite.
+    /// Input errors for a mesh without triangles, an index out of range, or a position or texture coordinates
+    /// that are not finite.
     pub fn from_raw(raw: RawMesh) -> Result<(Self, DVec3)> {
         if raw.triangles.is_empty() {
             return Err(Error::input("the mesh has no triangles"));

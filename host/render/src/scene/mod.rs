@@ -1,6 +1,8 @@
-//! Scenes: meshes that wear SBRDF materials, lights, an environment and a camera, built in memory or read from TOML.
+//! Scenes: meshes that wear SBRDF materials, lights, an environment and a camera, built in memory or read
+//! from TOML.
 //!
-//! World axes are right-handed with +y up, as in glTF. Lengths are in any one unit; lights and meshes share it.
+//! World axes are right-handed with +y up, as in glTF. Lengths are in any one unit; lights and meshes share
+//! it.
 
 pub mod animation;
 pub mod bezier;
@@ -11,7 +13,9 @@ mod frame;
 pub mod hash;
 mod import;
 pub mod mask;
+mod material_file;
 pub mod mesh;
+pub mod optics;
 mod shape_file;
 pub mod shapes;
 pub mod shipped;
@@ -27,11 +31,12 @@ pub use animation::Animation;
 pub use environment::Environment;
 pub use mask::Mask;
 pub use mesh::{Mesh, Vertex};
+pub use optics::{Dielectric, Optics, Texture};
 pub use state::{Parameter, Placement, State, Varies};
 
 use lobelia_base::error::{Error, Result};
 use lobelia_reflectance::mip;
-use lobelia_reflectance::{LobeBrdf, Rgb, SbrdfMap};
+use lobelia_reflectance::{LobeBrdf, MIRROR_SOLID_ANGLE, Rgb, SbrdfMap};
 
 /// Everything that a renderer needs to make a picture.
 #[derive(Debug, Clone)]
@@ -76,11 +81,15 @@ pub struct Material {
     pub tiling: Vec2,
     /// How texels are combined.
     pub filter: Filter,
-    /// MIP levels of a map from the first on, each fitted to the reflectance averaged over its texels, sized as
-    /// [`lobelia_reflectance::mip::size`] says; empty where there are none.
+    /// MIP levels of a map from the first on, each fitted to the reflectance averaged over its texels, sized
+    /// as [`lobelia_reflectance::mip::size`] says; empty where there are none.
     pub levels: Vec<Arc<SbrdfMap>>,
     /// Where the material is cut out; it has the texture coordinates and the tiling of the map.
     pub mask: Option<Arc<Mask>>,
+    /// What it does beyond the lobes.
+    pub optics: Option<Optics>,
+    /// Radiance of its front, the side from which its triangles run counter-clockwise.
+    pub emission: Option<Texture>,
 }
 
 /// Where a material's reflectance comes from.
@@ -98,7 +107,8 @@ pub enum Reflectance {
 pub enum Filter {
     /// The texel that the point lies in.
     Nearest,
-    /// The four nearest texels' *evaluated reflectance*, blended: parameters do not interpolate linearly (chapter 5).
+    /// The four nearest texels' *evaluated reflectance*, blended: parameters do not interpolate linearly
+    /// (chapter 5).
     #[default]
     Bilinear,
 }
@@ -120,8 +130,8 @@ pub enum Light {
         /// Radiant intensity: irradiance times the square of the distance in scene units.
         intensity: Rgb,
     },
-    /// A rectangle that shines evenly and diffusely to the side that edges\[0\] × edges\[1\] points to. It is seen, black
-    /// from behind, and casts shadows.
+    /// A rectangle that shines evenly and diffusely to the side that edges\[0\] × edges\[1\] points to. It is
+    /// seen, black from behind, and casts shadows.
     Rectangle {
         /// Its middle.
         centre: Vec3,
@@ -239,7 +249,15 @@ impl Material {
             Reflectance::Uniform(_) => None,
             Reflectance::Map(map) => Mask::of_map(map).map(Arc::new),
         };
-        Self { reflectance, tiling, filter, levels: vec![], mask }
+        Self { reflectance, tiling, filter, levels: vec![], mask, optics: None, emission: None }
+    }
+
+    /// The mirror term that was measured with a map: its channels `mirror.*`, f cosθ_i of the peak, times the
+    /// solid angle of the lamp that it was measured with (the attribute [`MIRROR_SOLID_ANGLE`]), without
+    /// which they are no reflectance.
+    pub fn measured_mirror(map: &SbrdfMap) -> Option<Optics> {
+        let solid_angle = map.attributes.get(MIRROR_SOLID_ANGLE)?.parse::<f32>().ok()?;
+        Texture::of_map(map, "mirror", solid_angle).map(Optics::Mirror)
     }
 
     /// The BRDFs of all texels, those of the MIP levels after those of the map.
@@ -271,13 +289,17 @@ impl Material {
             }
             Self::check_map(&Reflectance::Map(map.clone())).map_err(|error| error.at(place()))?;
         }
+        self.optics.as_ref().map_or(Ok(()), Optics::check).map_err(|error| error.at("material"))?;
+        let emission = self.emission.as_ref().map_or(Ok(()), optics::check_emission);
+        emission.map_err(|error| error.at("material"))?;
         match &self.mask {
             Some(mask) if mask.width * mask.height == 0 => Err(Error::input("the mask has no texels")),
             _ => Ok(()),
         }
     }
 
-    /// Whether lobes, those of its levels included, stand about normals of their own or sharpen toward grazing.
+    /// Whether lobes, those of its levels included, stand about normals of their own or sharpen toward
+    /// grazing.
     pub fn is_extended(&self) -> bool {
         let finest = match &self.reflectance {
             Reflectance::Uniform(brdf) => brdf.extension(),
@@ -300,7 +322,8 @@ impl Material {
 }
 
 impl Scene {
-    /// Refuses what no renderer can make a picture of: an empty picture, a camera without direction, bad numbers.
+    /// Refuses what no renderer can make a picture of: an empty picture, a camera without direction, bad
+    /// numbers.
     ///
     /// # Errors
     /// Input errors that name the object, the light or the camera's key.

@@ -243,7 +243,8 @@ mod tests {
         // The tolerance is one of the scene: at twice the scale there are twice the triangles.
         let count = |scale: f32| {
             let text = format!(
-                "{CAMERA}[[object]]\nscale = [{scale:?}, 1, 1]\nshape.sphere = {{ tolerance = 0.001 }}\nmaterial.published = \"clay\"\n"
+                "{CAMERA}[[object]]\nscale = [{scale:?}, 1, 1]\nshape.sphere = {{ tolerance = 0.001 \
+                 }}\nmaterial.published = \"clay\"\n"
             );
             read(&text).unwrap().objects[0].mesh.triangles.len() as f32
         };

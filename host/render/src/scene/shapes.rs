@@ -1,4 +1,5 @@
-//! Procedural meshes with exact texture coordinates and tangent frames. All have +y up and are about one unit in size.
+//! Procedural meshes with exact texture coordinates and tangent frames. All have +y up and are about one unit
+//! in size.
 
 pub mod height_field;
 #[cfg(test)]
@@ -14,7 +15,8 @@ use glam::{Vec2, Vec3};
 use super::frame::perpendicular;
 use super::mesh::{Mesh, Vertex};
 
-/// A rectangular grid of columns × rows cells over u, v in 0..1; `vertex` gives the position and the normal's direction.
+/// A rectangular grid of columns × rows cells over u, v in 0..1; `vertex` gives the position and the normal's
+/// direction.
 fn grid(columns: u32, rows: u32, surface: impl Fn(Vec2) -> Vec3, normal: impl Fn(Vec2) -> Vec3) -> Mesh {
     let mut mesh = Mesh::default();
     for row in 0..=rows {
@@ -71,6 +73,23 @@ pub fn sphere(columns: u32, rows: u32) -> Mesh {
     mesh
 }
 
+/// So many balls of unequal size, spread evenly over the cube −1..1.
+pub fn swarm(count: u32) -> Mesh {
+    /// Powers of the inverse of the root of x⁴ = x + 1: no gaps and no clusters, whatever the count.
+    const STEPS: Vec3 = Vec3::new(0.819_172_5, 0.671_043_6, 0.549_700_5);
+    let ball = sphere(16, 8);
+    let mut mesh = Mesh::default();
+    for k in 0..count {
+        let place = 2.0 * (STEPS * (k as f32 + 0.5)).fract() - 1.0;
+        let radius = 0.02 + 0.03 * (0.618_034 * k as f32).fract();
+        let first = mesh.vertices.len() as u32;
+        let placed = |vertex: &Vertex| Vertex { position: vertex.position * radius + place, ..*vertex };
+        mesh.vertices.extend(ball.vertices.iter().map(placed));
+        mesh.triangles.extend(ball.triangles.iter().map(|triangle| triangle.map(|i| i + first)));
+    }
+    mesh
+}
+
 /// Square −1..1 in the x–z plane facing +y; u along +x, v along +z.
 pub fn plane(cells: u32) -> Mesh {
     grid(cells, cells, |uv| Vec3::new(2.0 * uv.x - 1.0, 0.0, 2.0 * uv.y - 1.0), |_| Vec3::Y)
@@ -106,11 +125,11 @@ const LEAVES: f32 = 1.36;
 const BEND: f32 = 0.09;
 const CLEARANCE: f32 = 0.02;
 
-/// A square cloth over a sphere that stands on the floor y = 0: it hangs in folds, its corners lie on the floor.
-/// About 1.25 high and 2 wide.
+/// A square cloth over a sphere that stands on the floor y = 0: it hangs in folds, its corners lie on the
+/// floor. About 1.25 high and 2 wide.
 ///
-/// Lengths along the cloth's radii are kept; around the form the surplus cloth goes into folds, whose depth follows
-/// from the surplus: waves of depth a and number k add (k a / 2 r)² of the circumference.
+/// Lengths along the cloth's radii are kept; around the form the surplus cloth goes into folds, whose depth
+/// follows from the surplus: waves of depth a and number k add (k a / 2 r)² of the circumference.
 pub fn drape(cells: u32) -> Mesh {
     grid(cells, cells, drape_point, |uv| normal_of(&drape_point, uv))
 }
@@ -135,7 +154,8 @@ fn drape_point(uv: Vec2) -> Vec3 {
     Vec3::new(direction.x * radius, profile.y + CLEARANCE, direction.y * radius)
 }
 
-/// Radius and height of the unfolded cloth at arc length `s` from the top: over the form, straight down, out on the floor.
+/// Radius and height of the unfolded cloth at arc length `s` from the top: over the form, straight down, out
+/// on the floor.
 fn drape_profile(s: f32) -> Vec2 {
     let on_form = (s / FORM).min(LEAVES);
     let at_form = Vec2::new(FORM * on_form.sin(), FORM + FORM * on_form.cos());
@@ -186,7 +206,7 @@ mod tests {
 
     #[test]
     fn every_shape_has_outward_triangles_and_orthonormal_frames() {
-        for mesh in [sphere(24, 12), plane(4), backdrop(16), drape(96)] {
+        for mesh in [sphere(24, 12), plane(4), backdrop(16), drape(96), swarm(5)] {
             frames_fit_their_triangles(&mesh);
         }
     }

@@ -1,7 +1,7 @@
 //! Small scenes that come with the program: shapes, environments and materials are computed.
 
 /// Name, what it shows, and the scene file.
-pub const SCENES: [(&str, &str, &str); 8] = [
+pub const SCENES: [(&str, &str, &str); 10] = [
     (
         "studio-ball",
         "a ball of blue paint in a studio",
@@ -42,6 +42,16 @@ pub const SCENES: [(&str, &str, &str); 8] = [
         "Newell's teapot in Bézier patches on a saucer turned on a lathe",
         include_str!("../../../../examples/scenes/teapot.toml"),
     ),
+    (
+        "glass-mirror",
+        "glass, tinted water, a mirror and gold in a room with a shining panel",
+        include_str!("../../../../examples/scenes/glass-mirror.toml"),
+    ),
+    (
+        "lanterns",
+        "three hundred shining balls about a cloth on a polished floor",
+        include_str!("../../../../examples/scenes/lanterns.toml"),
+    ),
 ];
 
 /// The scene file of a name.
@@ -60,7 +70,8 @@ mod tests {
         for (name, ..) in SCENES {
             let scene = Scene::open(Path::new(name)).unwrap();
             assert!(!scene.objects.is_empty());
-            assert!(!scene.lights.is_empty() || scene.environment.is_some());
+            let shines = scene.objects.iter().any(|object| object.material.emission.is_some());
+            assert!(!scene.lights.is_empty() || scene.environment.is_some() || shines);
         }
         let error = Scene::open(Path::new("studio-bal")).unwrap_err();
         assert_eq!(error.exit_code(), 2);

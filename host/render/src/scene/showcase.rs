@@ -59,7 +59,8 @@ pub fn showcase(cloth: Material, ball: Material, width: u32, height: u32) -> Sce
     }
 }
 
-/// A plain weave of two published materials: warp threads of one, weft of the other, rounded by a lighter middle.
+/// A plain weave of two published materials: warp threads of one, weft of the other, rounded by a lighter
+/// middle.
 pub fn weave(warp: &LobeBrdf, weft: &LobeBrdf, thread: usize) -> SbrdfMap {
     let side = 2 * thread;
     let texel = |index: usize| {
@@ -94,7 +95,8 @@ pub fn check(first: &LobeBrdf, second: &LobeBrdf, cells: usize, texels_a_cell: u
     SbrdfMap::from_texels(side, side, &(0..side * side).map(texel).collect::<Vec<_>>())
 }
 
-/// [`showcase`] of published materials: cloth woven of blue paint and dimmed metal, a ball checked in clay and felt.
+/// [`showcase`] of published materials: cloth woven of blue paint and dimmed metal, a ball checked in clay
+/// and felt.
 pub fn published(width: u32, height: u32) -> Scene {
     let named = |name: &str| materials::published(name).unwrap_or_default();
     let silver = dimmed(&named("brushed-metal"), 0.45);

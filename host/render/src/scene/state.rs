@@ -6,7 +6,7 @@
 
 use glam::{Affine3A, EulerRot, Quat, Vec3};
 
-use super::{Camera, Light, Scene};
+use super::{Camera, Light, Object, Scene};
 use lobelia_base::error::{Error, Result};
 
 /// How a light or an object stands and shines, relative to the scene.
@@ -184,6 +184,10 @@ impl Scene {
         }
         for (object, placement) in scene.objects.iter_mut().zip(&objects) {
             object.transform = placement.of_transform(&object.transform);
+            if placement.dim != 1.0 {
+                let emission = object.material.emission.as_ref();
+                object.material.emission = emission.map(|emission| emission.scaled(placement.dim));
+            }
         }
         Ok(scene)
     }
@@ -207,7 +211,8 @@ impl Scene {
             check_light(placement, light).map_err(|error| error.at(format!("light {index}")))?;
         }
         for (placement, object) in state.objects.iter().zip(&self.objects) {
-            check_object(placement).map_err(|error| error.at(format!("object \"{}\"", object.name)))?;
+            check_object(placement, object)
+                .map_err(|error| error.at(format!("object \"{}\"", object.name)))?;
         }
         for (value, parameter) in state.parameters.iter().zip(&self.parameters) {
             let Parameter { name, range: [low, high], .. } = parameter;
@@ -241,8 +246,9 @@ impl Scene {
                         .map_err(|error| error.at(format!("light {light}")))?;
                 }
                 for (object, placement) in &parameter.drive.objects {
-                    let name = &self.objects[*object].name;
-                    check_object(placement).map_err(|error| error.at(format!("object \"{name}\"")))?;
+                    let object = &self.objects[*object];
+                    check_object(placement, object)
+                        .map_err(|error| error.at(format!("object \"{}\"", object.name)))?;
                 }
                 Ok(())
             };
@@ -260,9 +266,9 @@ fn check_light(placement: &Placement, light: &Light) -> Result<()> {
     Ok(())
 }
 
-fn check_object(placement: &Placement) -> Result<()> {
+fn check_object(placement: &Placement, object: &Object) -> Result<()> {
     placement.check()?;
-    if placement.dim != 1.0 {
+    if placement.dim != 1.0 && object.material.emission.is_none() {
         return Err(Error::input("it does not shine and cannot be dimmed"));
     }
     Ok(())
@@ -277,7 +283,7 @@ pub struct Varies {
     pub turn: bool,
     /// Lights, moved, turned and dimmed.
     pub lights: bool,
-    /// Objects, moved and turned.
+    /// Objects, moved, turned and, where they shine, dimmed.
     pub objects: bool,
     /// The scene's named parameters.
     pub parameters: bool,

@@ -2,8 +2,9 @@
 
 use std::collections::HashMap;
 
-/// Which triangles must be turned so that neighbours agree: across an edge of exactly two triangles the edge runs both ways. In
-/// every connected part the smaller number of triangles is turned; parts that agree stay as they are.
+/// Which triangles must be turned so that neighbours agree: across an edge of exactly two triangles the edge
+/// runs both ways. In every connected part the smaller number of triangles is turned; parts that agree stay
+/// as they are.
 pub(super) fn to_turn(triangles: &[[u32; 3]]) -> Vec<bool> {
     let mut to_turn = vec![false; triangles.len()];
     let neighbours = neighbours(triangles);

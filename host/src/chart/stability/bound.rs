@@ -20,8 +20,8 @@ const NOISES: [f64; 4] = [1e-4, 1e-3, 3e-3, 1e-2];
 const SIDE: usize = 32;
 /// The variance may be so many times the bound. 1,024 repeats tell it to 4.4 %.
 const MOST_OVER_BOUND: f64 = 1.2;
-/// The samples contain the information if the bound on the standard deviation of n is at most this share of n: beyond it, no fit's
-/// errors are those of the bound, which holds to first order.
+/// The samples contain the information if the bound on the standard deviation of n is at most this share of
+/// n: beyond it, no fit's errors are those of the bound, which holds to first order.
 const TELLING: f64 = 0.1;
 /// An exponent farther from the truth than so many of its own stated standard deviations is an outlier.
 const OUTLYING: f64 = 5.0;
@@ -103,7 +103,12 @@ pub(super) fn section(seed: u64, aimed: bool) -> Result<Section> {
     Ok(Section {
         title: title.into(),
         text: format!(
-            "One noisy lobe against the Cramér–Rao bound: {} repeats of one texel with {POSES} {poses} and new normal noise each; residual: linear. The columns ρ_d, n and Cz/Cx are variances over the bound. An outlier is an exponent more than {OUTLYING} of its own stated standard deviations off. A row holds when there is no outlier and no variance is above {MOST_OVER_BOUND} times the bound; where the bound allows n a standard deviation above {} % of n, the samples do not tell the lobe, and it holds, as “untold”, when there is no outlier: the stated uncertainty says so.",
+            "One noisy lobe against the Cramér–Rao bound: {} repeats of one texel with {POSES} {poses} and \
+             new normal noise each; residual: linear. The columns ρ_d, n and Cz/Cx are variances over the \
+             bound. An outlier is an exponent more than {OUTLYING} of its own stated standard deviations \
+             off. A row holds when there is no outlier and no variance is above {MOST_OVER_BOUND} times the \
+             bound; where the bound allows n a standard deviation above {} % of n, the samples do not tell \
+             the lobe, and it holds, as “untold”, when there is no outlier: the stated uncertainty says so.",
             SIDE * SIDE,
             100.0 * TELLING
         ),
@@ -144,8 +149,8 @@ fn repeats(n: f64, noise: f64, seed: u64, aimed: bool) -> SampledSbrdf {
     super::repeats(poses, SIDE, &truth(n), noise, seed)
 }
 
-/// The Cramér–Rao bound of one isotropic lobe C = (−1, −1, Cz) and ρ_d with noise of σ in every channel: the inverse of the Fisher information
-/// JᵀJ/σ², its diagonal.
+/// The Cramér–Rao bound of one isotropic lobe C = (−1, −1, Cz) and ρ_d with noise of σ in every channel: the
+/// inverse of the Fisher information JᵀJ/σ², its diagonal.
 ///
 /// # Errors
 /// When the poses do not determine the lobe.

@@ -1,4 +1,5 @@
-//! G4: the diffuse term as the minimum of the samples, as a percentile, or fitted with the lobe, with noise and where registration errs.
+//! G4: the diffuse term as the minimum of the samples, as a percentile, or fitted with the lobe, with noise
+//! and where registration errs.
 
 use glam::{DVec3, Vec3};
 
@@ -115,7 +116,17 @@ pub(super) fn section(seed: u64) -> Result<Section> {
     Ok(Section {
         title: "Estimators of the diffuse term (G4)".into(),
         text: format!(
-            "A board of glossy squares (ρ_d = {}, ρ_s = 0.6, C = (−1, −1, 0.95)) and dark matt ones (ρ_d = {}), {SQUARE} texels wide, {POSES} random poses; in the lower rows every photograph is misplaced by another normally distributed distance, so that samples near an edge are of the other material. One lobe by the separable fit, residual: linear, albedos free; errors over the glossy texels, off by so many percent of the truth. The minimum lies below ρ_d as soon as there is noise, the percentile by part of it wherever more poses than that see nothing of the lobe, and n is too low for it; both are the neighbour's value where photographs are misplaced. They are taken for certain: the fit states no deviation of such a ρ_d, and warns of nothing. The joint estimate is off by more than {OUTLYING} of its own stated deviations at {still:.1} % of the texels at most without misplaced photographs, and at up to {blurred:.0} % with them: those samples contradict each other, which a stated deviation takes for noise.",
+            "A board of glossy squares (ρ_d = {}, ρ_s = 0.6, C = (−1, −1, 0.95)) and dark matt ones (ρ_d = \
+             {}), {SQUARE} texels wide, {POSES} random poses; in the lower rows every photograph is \
+             misplaced by another normally distributed distance, so that samples near an edge are of the \
+             other material. One lobe by the separable fit, residual: linear, albedos free; errors over the \
+             glossy texels, off by so many percent of the truth. The minimum lies below ρ_d as soon as there \
+             is noise, the percentile by part of it wherever more poses than that see nothing of the lobe, \
+             and n is too low for it; both are the neighbour's value where photographs are misplaced. They \
+             are taken for certain: the fit states no deviation of such a ρ_d, and warns of nothing. The \
+             joint estimate is off by more than {OUTLYING} of its own stated deviations at {still:.1} % of \
+             the texels at most without misplaced photographs, and at up to {blurred:.0} % with them: those \
+             samples contradict each other, which a stated deviation takes for noise.",
             RHO_D[0], RHO_D[1]
         ),
         plots: vec![

@@ -17,7 +17,8 @@ use crate::sampled::PoseGeometry;
 const SPACINGS_DEG: [f64; 3] = [20.0, 15.0, 10.0];
 /// Exponents.
 const EXPONENTS: [f64; 12] = [1.0, 2.0, 4.0, 8.0, 16.0, 32.0, 64.0, 128.0, 256.0, 512.0, 1024.0, 2000.0];
-/// Edge of a sample and of its texels, texels and mm: far enough apart that every texel meets the highlight in another way.
+/// Edge of a sample and of its texels, texels and mm: far enough apart that every texel meets the highlight
+/// in another way.
 const SIDE: usize = 12;
 const TEXEL_MM: f64 = 12.0;
 /// Noise, sr⁻¹, and as a share of the value.
@@ -99,7 +100,12 @@ pub(super) fn section(seed: u64) -> Result<Section> {
     Ok(Section {
         title: "Sharp lobes at fixed sampling density (G2)".into(),
         text: format!(
-            "One lobe C = (−1, −1, 1), ρ_s = 0.6 above ρ_d = 0.1, {} texels {TEXEL_MM} mm apart, which see the highlight at other poses each; the default rig's poses for isotropic samples, noise {:e} 1/sr and {} %, one lobe fitted, residual: linear, albedos free. The rule (3.5) asks for four poses inside the highlight, where the lobe is above {HIGHLIGHT} of its peak; their number is the mean over the texels. Given away: n's own stated deviation is above 30 %, or n was tied. {sentences}",
+            "One lobe C = (−1, −1, 1), ρ_s = 0.6 above ρ_d = 0.1, {} texels {TEXEL_MM} mm apart, which see \
+             the highlight at other poses each; the default rig's poses for isotropic samples, noise {:e} \
+             1/sr and {} %, one lobe fitted, residual: linear, albedos free. The rule (3.5) asks for four \
+             poses inside the highlight, where the lobe is above {HIGHLIGHT} of its peak; their number is \
+             the mean over the texels. Given away: n's own stated deviation is above 30 %, or n was tied. \
+             {sentences}",
             SIDE * SIDE,
             NOISE[0],
             100.0 * NOISE[1],
@@ -116,7 +122,8 @@ fn broken(spacing_deg: f64, rule: f64, recovered: &[[f64; 2]], inside: &[f64]) -
     match resolved {
         0 => format!("At {spacing_deg}° the rule promises n up to {rule:.0}, but no exponent is resolved. "),
         k => format!(
-            "At {spacing_deg}° the rule promises n up to {rule:.0}; the separable fit recovers {RESOLVED} % or more up to n = {}, where {:.1} poses are inside the highlight. ",
+            "At {spacing_deg}° the rule promises n up to {rule:.0}; the separable fit recovers {RESOLVED} % \
+             or more up to n = {}, where {:.1} poses are inside the highlight. ",
             recovered[k - 1][0],
             inside[k - 1]
         ),

@@ -63,7 +63,8 @@ const FITS: [(usize, bool, AlbedoBound, &str); 4] = [
 struct Found {
     /// Median over the texels of ‖f̂ − f‖ / ‖f‖ within each bin.
     median: [f64; BINS],
-    /// Percent of the texels with a directional albedo above 1 at 80°, and of those that were held to 1 somewhere.
+    /// Percent of the texels with a directional albedo above 1 at 80°, and of those that were held to 1
+    /// somewhere.
     energy: f64,
     bounded: f64,
 }
@@ -112,7 +113,8 @@ pub(super) fn section(seed: u64) -> Result<Section> {
         }
         let [[cut_inside, cut_beyond], [all_inside, all_beyond]] = worst;
         sentences += &format!(
-            "{name}, auto: {cut_inside:.2} % at 50° to 65° and {cut_beyond:.2} % at 80° to 85° with the cut, {all_inside:.2} and {all_beyond:.2} % without. "
+            "{name}, auto: {cut_inside:.2} % at 50° to 65° and {cut_beyond:.2} % at 80° to 85° with the cut, \
+             {all_inside:.2} and {all_beyond:.2} % without. "
         );
         plots.push(Plot {
             title: format!("Error by angle: {name}"),
@@ -124,7 +126,15 @@ pub(super) fn section(seed: u64) -> Result<Section> {
     Ok(Section {
         title: "Grazing poses and the cut at 75° and 65° (G8)".into(),
         text: format!(
-            "{} random materials a kind, none of which makes light, {POSES} random poses up to the polar angles named, directions off by {OFF_DEG}° (as a pose's own error would put them), irradiance reckoned with the wrong cosine, noise {:e} 1/sr of radiance, which 1/cosθ_i blows up, and {} %; the default residual. Error: median over the texels of ‖f̂ − f‖ / ‖f‖ over {PAIRS} direction pairs whose larger polar angle lies in the bin. {sentences}The cut keeps noisy grazing samples out, at the price that nothing was measured beyond it: the error there is the model's own guess. No warning tells a guess from a measurement but one: `bounded` marks texels whose albedo had to be held to 1, and without that bound the last column but one counts those above it at {GRAZING_DEG}°.",
+            "{} random materials a kind, none of which makes light, {POSES} random poses up to the polar \
+             angles named, directions off by {OFF_DEG}° (as a pose's own error would put them), irradiance \
+             reckoned with the wrong cosine, noise {:e} 1/sr of radiance, which 1/cosθ_i blows up, and {} %; \
+             the default residual. Error: median over the texels of ‖f̂ − f‖ / ‖f‖ over {PAIRS} direction \
+             pairs whose larger polar angle lies in the bin. {sentences}The cut keeps noisy grazing samples \
+             out, at the price that nothing was measured beyond it: the error there is the model's own \
+             guess. No warning tells a guess from a measurement but one: `bounded` marks texels whose albedo \
+             had to be held to 1, and without that bound the last column but one counts those above it at \
+             {GRAZING_DEG}°.",
             SIDE * SIDE,
             NOISE[0],
             100.0 * NOISE[1]

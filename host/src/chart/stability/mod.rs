@@ -1,4 +1,5 @@
-//! The failure atlas of fits: each method where it breaks, a section a numbered case of the specification (section 8), and what it said then.
+//! The failure atlas of fits: each method where it breaks, a section a numbered case of the specification
+//! (section 8), and what it said then.
 
 mod bound;
 mod diffuse;
@@ -50,7 +51,11 @@ pub fn fit(seed: u64) -> Result<Chart> {
         name: "stability-fit".into(),
         title: "Where fits break".into(),
         lead: format!(
-            "Known materials, made harder until a method breaks: noise, sharp lobes, many lobes, a diffuse term that cannot be seen, badly registered photographs, grazing poses, materials that are no lobes. A lobe counts as recovered if its n is within {} % of the truth and the direction of its C within {NEAR_DEG}°. No unbiased fit can have a smaller variance than the Cramér–Rao bound; one that is far above it, or far off where it says that it is not, cannot be trusted.",
+            "Known materials, made harder until a method breaks: noise, sharp lobes, many lobes, a diffuse \
+             term that cannot be seen, badly registered photographs, grazing poses, materials that are no \
+             lobes. A lobe counts as recovered if its n is within {} % of the truth and the direction of its \
+             C within {NEAR_DEG}°. No unbiased fit can have a smaller variance than the Cramér–Rao bound; \
+             one that is far above it, or far off where it says that it is not, cannot be trusted.",
             100.0 * NEAR
         ),
         sections,
@@ -118,8 +123,8 @@ fn recovered(found: &LobeBrdf, truth: &Lobe) -> bool {
     near(found, truth) && off_deg(found, truth) <= NEAR_DEG
 }
 
-/// Whether a fit itself says that a texel's first exponent cannot be trusted to 30 %: by its stated deviation or because a prior decided it.
-/// Methods that state nothing never say so.
+/// Whether a fit itself says that a texel's first exponent cannot be trusted to 30 %: by its stated deviation
+/// or because a prior decided it. Methods that state nothing never say so.
 fn warned(map: &SbrdfMap, texel: usize) -> bool {
     let of = |name: &str| map.extra.get(name).map(|plane| f64::from(plane[texel]));
     let n = map.lobes.first().map_or(0.0, |lobe| f64::from(lobe.n[texel]));

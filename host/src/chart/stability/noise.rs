@@ -177,7 +177,14 @@ fn section(case: &Case, grid: &Grid) -> Section {
     Section {
         title: case.title.into(),
         text: format!(
-            "ρ_d = {}, ρ_s = {} sr⁻¹, C = (−1, −1, 1); {SETS} sets of {POSES} random poses, at each {} repeats of one texel with new normal noise, one lobe fitted on one thread, residual: linear, albedos free (wide lobes of this brightness make light). The line searches take ρ_d from the 10th percentile; ratio divides by the lobe (4.10), and where its colour comes out negative for that the lobe is black, and lost. Recovered: n within {} %, C within {NEAR_DEG}°. The first table has the noise, sr⁻¹, up to which {HOLDS} % or more are recovered; the second what was not, over all noises and exponents, and for how much of that the fit itself says so, by a stated deviation of n above {} % or by tying n.",
+            "ρ_d = {}, ρ_s = {} sr⁻¹, C = (−1, −1, 1); {SETS} sets of {POSES} random poses, at each {} \
+             repeats of one texel with new normal noise, one lobe fitted on one thread, residual: linear, \
+             albedos free (wide lobes of this brightness make light). The line searches take ρ_d from the \
+             10th percentile; ratio divides by the lobe (4.10), and where its colour comes out negative for \
+             that the lobe is black, and lost. Recovered: n within {} %, C within {NEAR_DEG}°. The first \
+             table has the noise, sr⁻¹, up to which {HOLDS} % or more are recovered; the second what was \
+             not, over all noises and exponents, and for how much of that the fit itself says so, by a \
+             stated deviation of n above {} % or by tying n.",
             case.rho_d,
             case.rho_s,
             SIDE * SIDE,
@@ -190,7 +197,8 @@ fn section(case: &Case, grid: &Grid) -> Section {
     }
 }
 
-/// Up to which noise each method recovers each exponent; by n alone in a row of its own where that is farther.
+/// Up to which noise each method recovers each exponent; by n alone in a row of its own where that is
+/// farther.
 fn limits(grid: &Grid) -> Table {
     let mut table =
         Table::new(["method", "found", "n = 2", "n = 4", "n = 10", "n = 20", "n = 64", "n = 200"]);

@@ -1,4 +1,5 @@
-//! G12: materials that sharpen or brighten toward grazing, and retro-reflecting ones: what one, two and three lobes leave.
+//! G12: materials that sharpen or brighten toward grazing, and retro-reflecting ones: what one, two and three
+//! lobes leave.
 
 use glam::Vec3;
 
@@ -99,7 +100,13 @@ pub(super) fn section(seed: u64) -> Result<Section> {
     Ok(Section {
         title: "Sharpening, Fresnel and retro-reflecting materials (G12)".into(),
         text: format!(
-            "{} random materials a kind with a diffuse term, none of which makes light, {POSES} random poses, noise {:e} 1/sr and {} %, the default residual, isotropic. Error: ‖f̂ − f‖ / ‖f‖ on 300 unposed direction pairs. {sentences}Wherever lobes are the wrong model the residual stands above the noise: texels with a mean square above {EXPLAINED} times the noise's are counted. The map has that residual, `error.rms`, and where the store has its noise `fit` tells such texels (`unexplained_texels`); `auto` does not add lobes that predict nothing better, and so leaves it. Lobes beyond what the material has are said to be tied.",
+            "{} random materials a kind with a diffuse term, none of which makes light, {POSES} random \
+             poses, noise {:e} 1/sr and {} %, the default residual, isotropic. Error: ‖f̂ − f‖ / ‖f‖ on 300 \
+             unposed direction pairs. {sentences}Wherever lobes are the wrong model the residual stands \
+             above the noise: texels with a mean square above {EXPLAINED} times the noise's are counted. The \
+             map has that residual, `error.rms`, and where the store has its noise `fit` tells such texels \
+             (`unexplained_texels`); `auto` does not add lobes that predict nothing better, and so leaves \
+             it. Lobes beyond what the material has are said to be tied.",
             SIDE * SIDE,
             NOISE[0],
             100.0 * NOISE[1]

@@ -1,4 +1,5 @@
-//! G3: the random starts of Levenberg–Marquardt with one to four lobes: spread of the final cost and of the coefficients.
+//! G3: the random starts of Levenberg–Marquardt with one to four lobes: spread of the final cost and of the
+//! coefficients.
 
 use std::f64::consts::FRAC_PI_2;
 
@@ -42,7 +43,8 @@ struct Texel {
     separable: f64,
     /// Exponents of the sharpest lobe after the random starts that are as good as the best.
     sharpest: Vec<f64>,
-    /// Relative errors on unposed directions after the random starts, all of them and those as good as the best.
+    /// Relative errors on unposed directions after the random starts, all of them and those as good as the
+    /// best.
     errors: Vec<f64>,
     good_errors: Vec<f64>,
 }
@@ -102,7 +104,15 @@ pub(super) fn section(seed: u64) -> Result<Section> {
     Ok(Section {
         title: "Random starts by number of lobes (G3)".into(),
         text: format!(
-            "{} random grey materials of as many lobes as are fitted (n 5 to 150, forward or retro-reflective), {POSES} random poses, noise {NOISE:e} 1/sr, {STARTS} random starts of Levenberg–Marquardt each, at most {} steps (C of any ratio with Cz > 0, n 1 to 1000); albedos free; costs over the least that any fit of the texel reached, as good: within {:.0} %. Published start: C = (−1, −1, 1), n = 10, then (1, 1, 1), n = 5, then at random. The search is Lobelia's deterministic start. Errors: ‖f̂ − f‖ / ‖f‖ on 300 unposed direction pairs. From random starts {one:.0}, {two:.0}, {three:.0} and {four:.0} % end as good as the best with 1, 2, 3 and 4 lobes. No warning says that a fit ended in another minimum; only its residual is larger.",
+            "{} random grey materials of as many lobes as are fitted (n 5 to 150, forward or \
+             retro-reflective), {POSES} random poses, noise {NOISE:e} 1/sr, {STARTS} random starts of \
+             Levenberg–Marquardt each, at most {} steps (C of any ratio with Cz > 0, n 1 to 1000); albedos \
+             free; costs over the least that any fit of the texel reached, as good: within {:.0} %. \
+             Published start: C = (−1, −1, 1), n = 10, then (1, 1, 1), n = 5, then at random. The search is \
+             Lobelia's deterministic start. Errors: ‖f̂ − f‖ / ‖f‖ on 300 unposed direction pairs. From \
+             random starts {one:.0}, {two:.0}, {three:.0} and {four:.0} % end as good as the best with 1, 2, \
+             3 and 4 lobes. No warning says that a fit ended in another minimum; only its residual is \
+             larger.",
             SIDE * SIDE,
             LIMITS.iterations,
             100.0 * (AS_GOOD - 1.0)

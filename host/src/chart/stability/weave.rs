@@ -1,9 +1,10 @@
 //! The direction of anisotropy β on a simulated weave, measured by the whole chain, by registration blur.
 //!
-//! Errors of registration blur in two ways. Where every photograph is off by another distance, a texel's samples come from places spread over
-//! its neighbours, other ones at every pose, and from both threads where one ends: samples contradict each other. Where the photographs
-//! themselves are blurred, every sample is the same mixture of neighbours. Both are measured: the standard deviation of the distances
-//! along x and along y, and that of a normal distribution with which the reflectance of every pose is spread over texels.
+//! Errors of registration blur in two ways. Where every photograph is off by another distance, a texel's
+//! samples come from places spread over its neighbours, other ones at every pose, and from both threads where
+//! one ends: samples contradict each other. Where the photographs themselves are blurred, every sample is the
+//! same mixture of neighbours. Both are measured: the standard deviation of the distances along x and along
+//! y, and that of a normal distribution with which the reflectance of every pose is spread over texels.
 
 use std::path::Path;
 
@@ -118,7 +119,13 @@ pub(super) fn section(seed: u64) -> Result<Section> {
     Ok(Section {
         title: "Direction of anisotropy on a measured weave by registration blur".into(),
         text: format!(
-            "The cloth of examples/cloth.toml, its threads {THREAD} texels wide and brightest at {BETA_DEG}° and at a right angle to that, {0} × {0} texels, planned, photographed at {1} poses, developed and fitted by the simulated rig with all its faults. Photographs are blurred, every pose alike, or misplaced, each by another normally distributed distance along x and along y; blur is the standard deviation. Error: that of β modulo 90° against the simulator's truth, median over the texels of a thread. A thread is seen the right way where the stronger axis of its brightest lobe lies within 45° of the truth.",
+            "The cloth of examples/cloth.toml, its threads {THREAD} texels wide and brightest at {BETA_DEG}° \
+             and at a right angle to that, {0} × {0} texels, planned, photographed at {1} poses, developed \
+             and fitted by the simulated rig with all its faults. Photographs are blurred, every pose alike, \
+             or misplaced, each by another normally distributed distance along x and along y; blur is the \
+             standard deviation. Error: that of β modulo 90° against the simulator's truth, median over the \
+             texels of a thread. A thread is seen the right way where the stronger axis of its brightest \
+             lobe lies within 45° of the truth.",
             extents.texels, extents.poses
         ),
         plots,
@@ -229,7 +236,8 @@ impl Weave {
     }
 }
 
-/// The reflectance of every pose spread over neighbouring texels by a normal distribution; at the edges over those that there are.
+/// The reflectance of every pose spread over neighbouring texels by a normal distribution; at the edges over
+/// those that there are.
 fn spread(sampled: &SampledSbrdf, deviation: f64) -> SampledSbrdf {
     let reach = (4.0 * deviation).ceil() as usize;
     let weight = |a: usize, b: usize| (-0.5 * (a.abs_diff(b) as f64 / deviation).powi(2)).exp() as f32;

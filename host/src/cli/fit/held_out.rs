@@ -1,4 +1,5 @@
-//! `lobelia fit --hold-out-poses`: the error on poses that were not fitted, in the report and on the terminal.
+//! `lobelia fit --hold-out-poses`: the error on poses that were not fitted, in the report and on the
+//! terminal.
 
 use super::{Findings, FitArgs};
 use crate::error::Result;
@@ -17,7 +18,8 @@ pub(super) fn hold_out(args: &FitArgs, store: &mut SampledStore, seed: u64) -> R
     which.map(|which| HeldOut::choose(&mut store.poses, which, isotropic, seed)).transpose()
 }
 
-/// Adds the errors of a map on held-out poses to what the command found, and says them in a line; empty without such poses.
+/// Adds the errors of a map on held-out poses to what the command found, and says them in a line; empty
+/// without such poses.
 ///
 /// # Errors
 /// When a chunk of the store cannot be read.

@@ -20,8 +20,8 @@ use crate::reflectance::MapEncoding;
 use crate::sampled::SampledStore;
 
 impl FitArgs {
-    /// The arguments with a sampled SBRDF that was named behind the shards taken for what it is: --merge takes all names up to the next
-    /// option.
+    /// The arguments with a sampled SBRDF that was named behind the shards taken for what it is: --merge
+    /// takes all names up to the next option.
     pub(super) fn with_store_named_last(&self) -> Self {
         let mut args = self.clone();
         let is_store = |path: &PathBuf| files::ending(path) == "zarr";
@@ -33,8 +33,9 @@ impl FitArgs {
         args
     }
 
-    /// The options that a merge does not look at: it has the shards' fits as they are. --isotropic and --separate-channels say which
-    /// held-out poses are near fitted ones, and with --mip all are those of the levels.
+    /// The options that a merge does not look at: it has the shards' fits as they are. --isotropic
+    /// and --separate-channels say which held-out poses are near fitted ones, and with --mip all are those of
+    /// the levels.
     fn of_no_merge(&self) -> Vec<&'static str> {
         if self.mip {
             return Vec::new();
@@ -98,7 +99,8 @@ pub(super) fn fit(
     Ok(outcome)
 }
 
-/// Joins shards into a map, which says what they say of how they were made, and fits its MIP levels where they are asked for.
+/// Joins shards into a map, which says what they say of how they were made, and fits its MIP levels where
+/// they are asked for.
 pub(super) fn merge(args: &FitArgs, seed: u64) -> Result<Findings> {
     let output = output(args)?;
     if let [first, others @ ..] = args.of_no_merge().as_slice() {
@@ -107,7 +109,8 @@ pub(super) fn merge(args: &FitArgs, seed: u64) -> Result<Findings> {
             .split_last()
             .map_or_else(String::new, |(_, middle)| middle.iter().map(|name| format!(", {name}")).collect());
         return Err(Error::input(format!(
-            "--merge joins shards as they were fitted, without {first}{middle}{last}: give that to each part (--chunks)"
+            "--merge joins shards as they were fitted, without {first}{middle}{last}: give that to each part \
+             (--chunks)"
         )));
     }
     let mut store = args.input.as_deref().map(SampledStore::open).transpose()?;

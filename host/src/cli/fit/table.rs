@@ -69,14 +69,16 @@ fn judge_choice(
     options: &TableOptions,
 ) -> Result<Findings> {
     if take != Take::Choose || !options.hold_out_theta_deg.is_empty() {
-        let message = "--hold-out-each-pair judges the choice: use it with --lobes auto and without --hold-out-theta-deg";
+        let message = "--hold-out-each-pair judges the choice: use it with --lobes auto and without \
+             --hold-out-theta-deg";
         return Err(Error::input(message));
     }
     let judged = judge::each_pair(measured, wavelengths_nm, sizes, options)?;
     let pairs = judge::incidences_deg(measured).len();
     let pairs = pairs * (pairs - 1) / 2;
     let mut text = format!(
-        "{pairs} pairs of incidences, each held out in turn; means of the errors on them\n\n{:>8}  {:<20} {:>12} {:>11}  {:>16}\n",
+        "{pairs} pairs of incidences, each held out in turn; means of the errors on them\n\n{:>8}  {:<20} \
+         {:>12} {:>11}  {:>16}\n",
         "nm", "lobes", "held-out log", "relative", "auto as good in"
     );
     let mut outcome = Findings::default();
@@ -207,7 +209,8 @@ fn give_or_take(deviation: Option<f64>, digits: usize) -> String {
     }
 }
 
-/// The coefficients of the fits that were taken, with their standard deviations; null where those are not known.
+/// The coefficients of the fits that were taken, with their standard deviations; null where those are not
+/// known.
 fn coefficients(fits: &[WavelengthFit]) -> serde_json::Value {
     let of = |fit: &WavelengthFit| {
         let (model, sigma) = (&fit.model, fit.deviations.as_ref());

@@ -40,7 +40,8 @@ pub(super) fn mirrors(of: &Summary) -> String {
     match of.mirrors {
         0 => String::new(),
         count => format!(
-            "mirror: {count} of {} texels have a peak that the poses do not resolve; left out of the lobes, in mirror.*\n",
+            "mirror: {count} of {} texels have a peak that the poses do not resolve; left out of the lobes, \
+             in mirror.*\n",
             of.texels
         ),
     }
@@ -51,25 +52,30 @@ pub(super) fn ties(of: &Summary) -> String {
     match of.tied {
         0 => String::new(),
         count => format!(
-            "tied: {count} of {} texels have coefficients that the poses do not tell, taken from neighbours or Phong's lobe\n",
+            "tied: {count} of {} texels have coefficients that the poses do not tell, taken from neighbours \
+             or Phong's lobe\n",
             of.texels
         ),
     }
 }
 
-/// How many texels make no light only because they are held to that, and at what price; of a free fit how many make light.
+/// How many texels make no light only because they are held to that, and at what price; of a free fit how
+/// many make light.
 pub(super) fn albedos(of: &Summary) -> String {
     let [median, most] = of.price().map(|price| 100.0 * price);
     match (&of.bound_prices, of.making_light) {
         (Some(prices), _) if prices.is_empty() => String::new(),
         (Some(prices), _) => format!(
-            "bounded: {} of {} texels would, where no pose looked, reflect more light than they receive or far more than was measured; holding them costs {median:.2} % of the samples' RMS in median, {most:.2} % at most\n",
+            "bounded: {} of {} texels would, where no pose looked, reflect more light than they receive or \
+             far more than was measured; holding them costs {median:.2} % of the samples' RMS in median, \
+             {most:.2} % at most\n",
             prices.len(),
             of.texels
         ),
         (None, (0, _)) => String::new(),
         (None, (count, largest)) => format!(
-            "not to be trusted: {count} of {} texels reflect more light than they receive, up to {largest:.3} times; leave out --no-bound\n",
+            "not to be trusted: {count} of {} texels reflect more light than they receive, up to \
+             {largest:.3} times; leave out --no-bound\n",
             of.texels
         ),
     }

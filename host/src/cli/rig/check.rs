@@ -20,7 +20,8 @@ pub(super) struct ConformanceArgs {
     /// Leaves out the checks that switch the lamp on
     #[arg(long)]
     no_lamp: bool,
-    /// Walks through the first hour with a board before: asks for what has to be done at it, one thing after the other
+    /// Walks through the first hour with a board before: asks for what has to be done at it, one thing after
+    /// the other
     #[arg(long)]
     bring_up: bool,
 }

@@ -26,7 +26,12 @@ pub(super) struct HomeArgs {
 
 /// Arguments of `lobelia rig move`.
 #[derive(Debug, Args)]
-#[group(id = "angles", required = true, multiple = true, args = ["pan_deg", "tilt_deg", "roll_deg", "light_deg"])]
+#[group(
+    id = "angles",
+    required = true,
+    multiple = true,
+    args = ["pan_deg", "tilt_deg", "roll_deg", "light_deg"]
+)]
 pub(super) struct MoveArgs {
     #[command(flatten)]
     session: Session,
@@ -119,8 +124,8 @@ fn check_limits(config: &RigConfig, wanted: [Option<f64>; AXES]) -> Result<()> {
     Ok(())
 }
 
-/// The steps to move to: those of the angles wanted, and else where the axis is, or the limit next to that: after homing axes
-/// stand beyond it, at their switches.
+/// The steps to move to: those of the angles wanted, and else where the axis is, or the limit next to that:
+/// after homing axes stand beyond it, at their switches.
 pub(super) fn targets(
     config: &RigConfig,
     wanted: [Option<f64>; AXES],

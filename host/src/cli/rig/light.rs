@@ -116,7 +116,8 @@ pub(super) fn expose(args: &ExposeArgs, context: &mut Context) -> Result<()> {
     let exposure = context.report.stage("expose", || client.expose(duration_us as u32, !args.dark))?;
     let reference = f64::from(exposure.reference_q8) / 256.0;
     println!(
-        "open for {:.6} s from {:.6} s of the controller's time; lamp {reference:.2} counts over {} readings, flicker {} ppm",
+        "open for {:.6} s from {:.6} s of the controller's time; lamp {reference:.2} counts over {} \
+         readings, flicker {} ppm",
         f64::from(exposure.open_us) / 1e6,
         exposure.start_us as f64 / 1e6,
         exposure.readings,

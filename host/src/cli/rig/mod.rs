@@ -143,7 +143,8 @@ impl Session {
         Ok((config, client))
     }
 
-    /// Connects, waits until what another program began has come to rest, and sets the parameters of the rig's file.
+    /// Connects, waits until what another program began has come to rest, and sets the parameters of the
+    /// rig's file.
     fn configure(&self, context: &mut Context) -> Result<(RigConfig, RigClient)> {
         let (config, mut client) = self.connect(context)?;
         let parameters = config.configuration()?;

@@ -1,4 +1,5 @@
-//! Errors against the simulator's truth: the methods beside each other, the result by angle, the registration.
+//! Errors against the simulator's truth: the methods beside each other, the result by angle, the
+//! registration.
 
 use super::histogram::Axes;
 use crate::by_angle::{PERCENTILES, Side};
@@ -18,7 +19,10 @@ pub(super) fn section(outcome: &DemoOutcome) -> String {
     let fits = &outcome.fits;
     let texels = fits.window.texels();
     let lead = format!(
-        "The simulator knows what really lies at every texel. Each fit is compared with that on {} direction pairs that were never posed, the same for all, within the polar cuts of the plan; the error is ‖f̂ − f‖ / ‖f‖ over pairs and channels. All methods are judged over the same {} texels{}, line searches with the one lobe that they have.",
+        "The simulator knows what really lies at every texel. Each fit is compared with that on {} direction \
+         pairs that were never posed, the same for all, within the polar cuts of the plan; the error is ‖f̂ \
+         − f‖ / ‖f‖ over pairs and channels. All methods are judged over the same {} texels{}, line searches \
+         with the one lobe that they have.",
         truth::PAIRS,
         numbers::count(texels),
         if texels < fits.result.errors.len() { " in the middle of the sample" } else { "" }
@@ -35,12 +39,15 @@ pub(super) fn section(outcome: &DemoOutcome) -> String {
 pub(super) fn by_angle(outcome: &DemoOutcome) -> String {
     let fits = &outcome.fits;
     let lead = format!(
-        "A direction pair lies inside the measured cone when a pose is within θ<sub>d</sub> = {}° of it, the spacing of the plan; outside, a fit tells what nobody measured. Judged on {} random pairs over the whole hemispheres.",
+        "A direction pair lies inside the measured cone when a pose is within θ<sub>d</sub> = {}° of it, the \
+         spacing of the plan; outside, a fit tells what nobody measured. Judged on {} random pairs over the \
+         whole hemispheres.",
         numbers::significant(outcome.cone.spacing_deg(), 3),
         numbers::count(crate::by_angle::PAIRS * (crate::by_angle::BANDS_DEG.len() - 1))
     );
     let content = format!(
-        "<h3>The methods, over {} texels</h3>\n<div class=\"scroll\">{}</div>\n<h3>The result by angle, over all {} texels</h3>\n<div class=\"scroll\">{}</div>\n",
+        "<h3>The methods, over {} texels</h3>\n<div class=\"scroll\">{}</div>\n<h3>The result by angle, over \
+         all {} texels</h3>\n<div class=\"scroll\">{}</div>\n",
         numbers::count(fits.window.texels()),
         cones(outcome).html(),
         numbers::count(fits.result.errors.len()),
@@ -198,7 +205,8 @@ fn table(errors: &[ErrorFigure]) -> String {
         )
     };
     format!(
-        "<table class=\"figures\"><thead><tr><th>figure</th><th class=\"number\">value</th><th>unit</th><th>over</th></tr></thead><tbody>\n{}</tbody></table>",
+        "<table class=\"figures\"><thead><tr><th>figure</th><th \
+         class=\"number\">value</th><th>unit</th><th>over</th></tr></thead><tbody>\n{}</tbody></table>",
         errors.iter().filter(|error| !error.depends.contains_key("percentile")).map(row).collect::<String>()
     )
 }

@@ -1,4 +1,5 @@
-//! One raw frame: the mosaic as the sensor recorded it and its colours, with what the registration made of it.
+//! One raw frame: the mosaic as the sensor recorded it and its colours, with what the registration made of
+//! it.
 
 use glam::DVec2;
 
@@ -50,7 +51,8 @@ pub(super) fn section(outcome: &DemoOutcome) -> Result<String> {
         html::figure(
             &mosaic,
             &format!(
-                "<code>{}</code>, the mosaic as recorded, {} × {} pixels, dark level subtracted, square root of the values. Exposure {} s, one of {} of this pose.",
+                "<code>{}</code>, the mosaic as recorded, {} × {} pixels, dark level subtracted, square root \
+                 of the values. Exposure {} s, one of {} of this pose.",
                 html::escape(&record.file),
                 raw.width,
                 raw.height,
@@ -61,14 +63,18 @@ pub(super) fn section(outcome: &DemoOutcome) -> Result<String> {
         html::figure(
             &colours,
             &format!(
-                "Interpolated to colour and balanced to the lamp. <b class=\"key detected\">○</b> corners found in this frame ({tags} of {all} tags), <b class=\"key predicted\">□</b> tags and sample where the registration puts them; the two differ by {} pixels RMS.",
+                "Interpolated to colour and balanced to the lamp. <b class=\"key detected\">○</b> corners \
+                 found in this frame ({tags} of {all} tags), <b class=\"key predicted\">□</b> tags and \
+                 sample where the registration puts them; the two differ by {} pixels RMS.",
                 numbers::significant(corner_rms(config, registration, &seen), 2)
             )
         ),
         detail
     );
     let lead = format!(
-        "Pose {pose} of {}, counted from 0: light at θ<sub>i</sub> = {}, camera at θ<sub>o</sub> = {}. The printed tags, not the motors, say where every texel lies in the photograph: the tags of this pose fit one homography to {} mm RMS on the sample’s plane.",
+        "Pose {pose} of {}, counted from 0: light at θ<sub>i</sub> = {}, camera at θ<sub>o</sub> = {}. The \
+         printed tags, not the motors, say where every texel lies in the photograph: the tags of this pose \
+         fit one homography to {} mm RMS on the sample’s plane.",
         outcome.run.plan.poses.len(),
         numbers::degrees(pick::polar(wi)),
         numbers::degrees(pick::polar(wo)),
@@ -115,7 +121,8 @@ fn readable_frame<'a>(
     shown.ok_or_else(|| Error::failure("the journal lists no photograph of the pose to show"))
 }
 
-/// The frame with dark level, exposure, responsivity and the lamp's colour divided out; saturated pixels as they are.
+/// The frame with dark level, exposure, responsivity and the lamp's colour divided out; saturated pixels as
+/// they are.
 fn balanced(config: &RigConfig, raw: &RawFrame) -> MosaicRadiance {
     let camera = &config.camera;
     let gain: [f64; 3] =
@@ -199,7 +206,9 @@ fn colour_picture(light: &MosaicRadiance) -> Raster {
 fn framed(config: &RigConfig, png: &[u8], overlay: &str, alt: &str) -> String {
     let (width, height) = (config.camera.width, config.camera.height);
     format!(
-        "<svg class=\"frame\" role=\"img\" aria-label=\"{alt}\" viewBox=\"-0.5 -0.5 {width} {height}\"><image x=\"-0.5\" y=\"-0.5\" width=\"{width}\" height=\"{height}\" href=\"{}\"/>{overlay}</svg>",
+        "<svg class=\"frame\" role=\"img\" aria-label=\"{alt}\" viewBox=\"-0.5 -0.5 {width} \
+         {height}\"><image x=\"-0.5\" y=\"-0.5\" width=\"{width}\" height=\"{height}\" \
+         href=\"{}\"/>{overlay}</svg>",
         html::data_uri(png)
     )
 }
@@ -232,7 +241,8 @@ fn overlay(config: &RigConfig, registration: &Registration, seen: &[Detection]) 
     drawn
 }
 
-/// A magnified piece at a corner of the sample: in grey as recorded, in the filters' colours, and interpolated.
+/// A magnified piece at a corner of the sample: in grey as recorded, in the filters' colours, and
+/// interpolated.
 fn detail(
     config: &RigConfig,
     raw: &RawFrame,

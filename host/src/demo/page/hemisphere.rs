@@ -106,7 +106,9 @@ fn hemisphere(png: &[u8], name: &str) -> String {
     let place = 100.0 * radius(THETA_I);
     let cross = |x: f64| format!("<path class=\"mark\" d=\"M{:.1} 0h8M{x:.1} -4v8\"/>", x - 4.0);
     format!(
-        "<svg class=\"disc\" role=\"img\" aria-label=\"{name} exitant hemisphere\" viewBox=\"-106 -106 212 212\"><image x=\"-100\" y=\"-100\" width=\"200\" height=\"200\" href=\"{}\"/>{}{}{}<circle class=\"rim\" r=\"100\"/><circle class=\"mark\" cx=\"{:.1}\" r=\"4.5\"/>{}</svg>",
+        "<svg class=\"disc\" role=\"img\" aria-label=\"{name} exitant hemisphere\" viewBox=\"-106 -106 212 \
+         212\"><image x=\"-100\" y=\"-100\" width=\"200\" height=\"200\" href=\"{}\"/>{}{}{}<circle \
+         class=\"rim\" r=\"100\"/><circle class=\"mark\" cx=\"{:.1}\" r=\"4.5\"/>{}</svg>",
         html::data_uri(png),
         ring(30.0, "ring"),
         ring(60.0, "ring"),

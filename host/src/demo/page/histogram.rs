@@ -32,7 +32,8 @@ impl Axes<'_> {
         for tick in top_count.ticks(5).into_iter().filter(|tick| tick.fract() == 0.0) {
             let at = y(tick);
             drawn += &format!(
-                "<path class=\"grid\" d=\"M{left} {at:.1}h{width}\"/><text class=\"end\" x=\"{:.1}\" y=\"{:.1}\">{}</text>",
+                "<path class=\"grid\" d=\"M{left} {at:.1}h{width}\"/><text class=\"end\" x=\"{:.1}\" \
+                 y=\"{:.1}\">{}</text>",
                 left - 6.0,
                 at + 4.0,
                 numbers::count(tick as usize)
@@ -52,7 +53,9 @@ impl Axes<'_> {
             drawn += &self.median(median);
         }
         format!(
-            "<svg role=\"img\" aria-label=\"histogram: {}\" viewBox=\"0 0 360 230\">{drawn}<text class=\"middle name\" x=\"{:.1}\" y=\"222\">{}</text><text class=\"name\" x=\"4\" y=\"13\">{}</text></svg>",
+            "<svg role=\"img\" aria-label=\"histogram: {}\" viewBox=\"0 0 360 230\">{drawn}<text \
+             class=\"middle name\" x=\"{:.1}\" y=\"222\">{}</text><text class=\"name\" x=\"4\" \
+             y=\"13\">{}</text></svg>",
             html::escape(alt),
             left + width / 2.0,
             self.x,
@@ -66,8 +69,16 @@ impl Axes<'_> {
         let percent = self.x.starts_with("relative");
         let ticks = self.scale.ticks(6).into_iter().map(|value| {
             let x = left + width * self.scale.place(value);
-            let text = if percent { format!("{}\u{202f}%", numbers::tick(100.0 * value)) } else { numbers::tick(value) };
-            format!("<path class=\"axis\" d=\"M{x:.1} {bottom}v4\"/><text class=\"middle\" x=\"{x:.1}\" y=\"{:.1}\">{text}</text>", bottom + 17.0)
+            let text = if percent {
+                format!("{}\u{202f}%", numbers::tick(100.0 * value))
+            } else {
+                numbers::tick(value)
+            };
+            format!(
+                "<path class=\"axis\" d=\"M{x:.1} {bottom}v4\"/><text class=\"middle\" x=\"{x:.1}\" \
+                 y=\"{:.1}\">{text}</text>",
+                bottom + 17.0
+            )
         });
         format!("<path class=\"axis\" d=\"M{left} {bottom}h{width}\"/>{}", ticks.collect::<String>())
     }
@@ -77,7 +88,8 @@ impl Axes<'_> {
         let [left, top, width, height] = AREA;
         let x = left + width * self.scale.place(median).clamp(0.0, 1.0);
         format!(
-            "<path class=\"median\" d=\"M{x:.1} {top}v{height}\"/><text class=\"middle strong\" x=\"{:.1}\" y=\"{:.1}\">median {}</text>",
+            "<path class=\"median\" d=\"M{x:.1} {top}v{height}\"/><text class=\"middle strong\" x=\"{:.1}\" \
+             y=\"{:.1}\">median {}</text>",
             x.clamp(left + 56.0, left + width - 40.0),
             top - 7.0,
             (self.label)(median)

@@ -30,7 +30,12 @@ pub(super) fn section(fits: &Fits) -> Result<String> {
     if let Some(auto) = fits.others.iter().find(|fit| fit.options.choose) {
         content += &as_needed(auto)?;
     }
-    let lead = "The coefficients of f = ρ<sub>d</sub> + Σ ρ<sub>s</sub> (C<sub>x</sub>ω<sub>ix</sub>ω<sub>ox</sub> + C<sub>y</sub>ω<sub>iy</sub>ω<sub>oy</sub> + C<sub>z</sub>ω<sub>iz</sub>ω<sub>oz</sub>)<sup>n</sup> at every texel, as <code>material.exr</code> holds them, but each texel’s lobes sorted by exponent and scaled so that the largest |C| is 1. C<sub>x</sub> below 0 reflects forward, above 0 back to the light. σ is the standard deviation that the fit states.";
+    let lead = "The coefficients of f = ρ<sub>d</sub> + Σ ρ<sub>s</sub> \
+         (C<sub>x</sub>ω<sub>ix</sub>ω<sub>ox</sub> + C<sub>y</sub>ω<sub>iy</sub>ω<sub>oy</sub> + \
+         C<sub>z</sub>ω<sub>iz</sub>ω<sub>oz</sub>)<sup>n</sup> at every texel, as <code>material.exr</code> \
+         holds them, but each texel’s lobes sorted by exponent and scaled so that the largest |C| is 1. \
+         C<sub>x</sub> below 0 reflects forward, above 0 back to the light. σ is the standard deviation that \
+         the fit states.";
     Ok(html::section("maps", "Maps of the fitted coefficients", lead, &content))
 }
 
@@ -145,8 +150,8 @@ fn counted(name: &str, map: &SbrdfMap, channel: &str) -> Result<String> {
     Ok(html::figure(&html::picture(&png, channel, "texels"), &caption))
 }
 
-/// A map of standard deviations as shares of their values, on a logarithmic scale that ends where nothing is known; nothing where
-/// none is stated.
+/// A map of standard deviations as shares of their values, on a logarithmic scale that ends where nothing is
+/// known; nothing where none is stated.
 fn deviations(name: &str, width: usize, values: &[f32]) -> Result<String> {
     if !values.iter().any(|value| value.is_finite()) {
         return Ok(String::new());
@@ -223,7 +228,8 @@ fn lobe_maps(width: usize, lobes: &[Option<Ranked>]) -> Result<String> {
 /// A map of colours.
 fn colours(name: &str, alt: &str, width: usize, values: &[Rgb]) -> Result<String> {
     let brightest: Vec<f32> = values.iter().map(|rgb| rgb.max_element()).collect();
-    // Texels on an edge of the pattern can have a few needle-sharp lobes of any height: they do not set the white.
+    // Texels on an edge of the pattern can have a few needle-sharp lobes of any height: they do not set the
+    // white.
     let white = quantile(&brightest, 0.98).min(3.0 * quantile(&brightest, 0.6)).max(1e-6);
     let raster =
         Raster::opaque(width, values.len() / width.max(1), |k| colour::to_srgb8(values[k] / white as f32));

@@ -1,5 +1,5 @@
-//! The demo's page: what was measured, fitted and rendered, and how wrong it is, in one HTML file that needs no other
-//! file and no network.
+//! The demo's page: what was measured, fitted and rendered, and how wrong it is, in one HTML file that needs
+//! no other file and no network.
 
 use std::path::Path;
 
@@ -65,7 +65,9 @@ fn head(outcome: &DemoOutcome, result: &FitOutcome, report: &Report, renderings:
     let carrier = &outcome.run.rig.carrier;
     let photographs: usize = outcome.run.plan.poses.iter().map(|pose| pose.exposures_s.len()).sum();
     let sentence = format!(
-        "A simulated gonioreflectometer photographed a flat sample, {} × {} mm, {} times in {} poses of light and camera; the photographs became the reflectance of every texel, and each texel was fitted with {} by {}.",
+        "A simulated gonioreflectometer photographed a flat sample, {} × {} mm, {} times in {} poses of \
+         light and camera; the photographs became the reflectance of every texel, and each texel was fitted \
+         with {} by {}.",
         numbers::tick(carrier.sample_width_mm),
         numbers::tick(carrier.sample_height_mm),
         numbers::count(photographs),
@@ -128,7 +130,11 @@ fn tiles(outcome: &DemoOutcome, result: &FitOutcome, report: &Report) -> String 
 /// With what the page was made, and what lies beside it.
 fn footer(report: &Report) -> String {
     format!(
-        "<footer><p>Lobelia {}, seed {}. Beside this page: <code>run/</code> (plan, rig, journal, raw frames), <code>sampled.zarr</code> (measured reflectance), <code>material.exr</code> (fitted coefficients), the pictures as <code>.exr</code> (linear) and <code>.png</code>, <code>report.json</code> (all figures). Reflectance is in sr⁻¹; luminance by Rec. 709.</p></footer>\n",
+        "<footer><p>Lobelia {}, seed {}. Beside this page: <code>run/</code> (plan, rig, journal, raw \
+         frames), <code>sampled.zarr</code> (measured reflectance), <code>material.exr</code> (fitted \
+         coefficients), the pictures as <code>.exr</code> (linear) and <code>.png</code>, \
+         <code>report.json</code> (all figures). Reflectance is in sr⁻¹; luminance by Rec. \
+         709.</p></footer>\n",
         html::escape(&report.lobelia),
         report.seed
     )

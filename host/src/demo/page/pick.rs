@@ -60,8 +60,8 @@ pub(super) struct Chosen<'a> {
     pub(super) material: &'a Material,
 }
 
-/// The texels of median error of the glossiest and the mattest material, each inside its material; at an edge of the pattern only
-/// where no material has a texel with neighbours of its own all around.
+/// The texels of median error of the glossiest and the mattest material, each inside its material; at an edge
+/// of the pattern only where no material has a texel with neighbours of its own all around.
 pub(super) fn two_texels(outcome: &DemoOutcome) -> Vec<Chosen<'_>> {
     let sampled = &outcome.developed.sampled;
     let materials: Vec<&Material> = (0..sampled.texels()).map(|texel| material(outcome, texel)).collect();
@@ -98,8 +98,8 @@ fn gloss(material: &Material) -> f32 {
     colour::luminance(material.eval(in_plane(-theta), in_plane(theta)))
 }
 
-/// The texels of `own` that are the farthest from any other, and how many texels of their own they have around them on every side,
-/// at most [`MARGIN`]; the sample's border counts as an edge.
+/// The texels of `own` that are the farthest from any other, and how many texels of their own they have
+/// around them on every side, at most [`MARGIN`]; the sample's border counts as an edge.
 fn innermost(own: &[bool], width: usize) -> (usize, Vec<usize>) {
     let height = own.len() / width.max(1);
     let is_own = |x: i64, y: i64| {
@@ -131,7 +131,8 @@ mod tests {
 
     #[test]
     fn the_median_texel_lies_inside_its_material_and_not_at_an_edge() {
-        // Columns 5 to 11 of 16 × 9 texels, with a hole at (8, 4); errors are least in the middle column and largest at the edges.
+        // Columns 5 to 11 of 16 × 9 texels, with a hole at (8, 4); errors are least in the middle column and
+        // largest at the edges.
         let own: Vec<bool> = (0..144).map(|k| (5..12).contains(&(k % 16)) && k != 4 * 16 + 8).collect();
         let errors: Vec<f32> = (0..144).map(|k| (k % 16) as f32 - 8.0).map(f32::abs).collect();
         let (margin, texels) = innermost(&own, 16);

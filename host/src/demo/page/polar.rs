@@ -59,7 +59,8 @@ pub(super) fn plot(sampled: &SampledSbrdf, map: &SbrdfMap, isotropic: bool, texe
     let scale = Scale::linear(0.0, values.fold(1e-6, f64::max) * 1.04);
     let drawn: String = curves.iter().enumerate().map(|(k, curve)| draw(&scale, k, curve)).collect();
     format!(
-        "<svg role=\"img\" aria-label=\"polar plot of reflectance in the plane of incidence\" viewBox=\"0 0 560 300\">{}{drawn}</svg>",
+        "<svg role=\"img\" aria-label=\"polar plot of reflectance in the plane of incidence\" viewBox=\"0 0 \
+         560 300\">{}{drawn}</svg>",
         grid(&scale)
     )
 }
@@ -118,7 +119,8 @@ fn grid(scale: &Scale) -> String {
     for value in scale.ticks(4).into_iter().filter(|value| *value > 0.0) {
         let r = RADIUS * scale.place(value);
         drawn += &format!(
-            "<path class=\"grid\" d=\"M{:.1} {y}A{r:.1} {r:.1} 0 0 1 {:.1} {y}\"/><text class=\"middle\" x=\"{:.1}\" y=\"{:.1}\">{}</text>",
+            "<path class=\"grid\" d=\"M{:.1} {y}A{r:.1} {r:.1} 0 0 1 {:.1} {y}\"/><text class=\"middle\" \
+             x=\"{:.1}\" y=\"{:.1}\">{}</text>",
             x - r,
             x + r,
             x + r,
@@ -132,14 +134,16 @@ fn grid(scale: &Scale) -> String {
         let (tx, ty) = (x + (RADIUS + 16.0) * sin, y - (RADIUS + 12.0) * cos + 4.0);
         let text = numbers::degrees(f64::from(deg).to_radians());
         drawn += &format!(
-            "<path class=\"grid\" d=\"M{x} {y}L{ex:.1} {ey:.1}\"/><text class=\"middle\" x=\"{tx:.1}\" y=\"{ty:.1}\">{text}</text>"
+            "<path class=\"grid\" d=\"M{x} {y}L{ex:.1} {ey:.1}\"/><text class=\"middle\" x=\"{tx:.1}\" \
+             y=\"{ty:.1}\">{text}</text>"
         );
     }
     drawn += &format!("<path class=\"axis\" d=\"M{} {y}h{}\"/>", x - RADIUS, 2.0 * RADIUS);
     drawn += &format!("<text class=\"middle\" x=\"{x}\" y=\"{:.1}\">0</text>", y + 16.0);
     drawn
         + &format!(
-            "<text class=\"middle name\" x=\"{x}\" y=\"{:.1}\">luminance of f, sr⁻¹, by θₒ; light from the left</text>",
+            "<text class=\"middle name\" x=\"{x}\" y=\"{:.1}\">luminance of f, sr⁻¹, by θₒ; light from the \
+             left</text>",
             y + 32.0
         )
 }
@@ -162,7 +166,8 @@ fn draw(scale: &Scale, k: usize, curves: &Curves) -> String {
         let (x, y) = at(scale, sample.theta_o, sample.measured);
         let (fx, fy) = at(scale, sample.theta_o, sample.fitted);
         drawn += &format!(
-            "<path class=\"whisker c{k}\" d=\"M{x:.1} {y:.1}L{fx:.1} {fy:.1}\"/><circle class=\"sample c{k}\" cx=\"{x:.1}\" cy=\"{y:.1}\" r=\"3.5\"/>"
+            "<path class=\"whisker c{k}\" d=\"M{x:.1} {y:.1}L{fx:.1} {fy:.1}\"/><circle class=\"sample \
+             c{k}\" cx=\"{x:.1}\" cy=\"{y:.1}\" r=\"3.5\"/>"
         );
     }
     drawn + &light_mark(k, curves.theta_i)
@@ -184,6 +189,11 @@ pub(super) fn legend() -> String {
         |(k, deg): (usize, &f64)| format!("<span class=\"key c{k}\">θ<sub>i</sub> = {deg:.0}°</span>");
     let colours: String = INCIDENCES_DEG.iter().enumerate().map(incidence).collect();
     format!(
-        "<p class=\"legend\">{colours}<span><svg class=\"swatch\" viewBox=\"0 0 28 12\"><path class=\"truth\" d=\"M1 6h26\"/><path class=\"fitted\" d=\"M1 6h26\"/></svg>fitted (line) on the truth (band)</span><span><svg class=\"swatch\" viewBox=\"0 0 28 12\"><path class=\"whisker\" d=\"M8 6h16\"/><circle class=\"sample\" cx=\"8\" cy=\"6\" r=\"3.5\"/></svg>measured sample within {NEAR_DEG:.0}° of the plane’s pair, with a stroke to the fit at that sample’s own directions</span></p>\n"
+        "<p class=\"legend\">{colours}<span><svg class=\"swatch\" viewBox=\"0 0 28 12\"><path \
+         class=\"truth\" d=\"M1 6h26\"/><path class=\"fitted\" d=\"M1 6h26\"/></svg>fitted (line) on the \
+         truth (band)</span><span><svg class=\"swatch\" viewBox=\"0 0 28 12\"><path class=\"whisker\" d=\"M8 \
+         6h16\"/><circle class=\"sample\" cx=\"8\" cy=\"6\" r=\"3.5\"/></svg>measured sample within \
+         {NEAR_DEG:.0}° of the plane’s pair, with a stroke to the fit at that sample’s own \
+         directions</span></p>\n"
     )
 }

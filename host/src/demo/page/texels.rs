@@ -21,10 +21,15 @@ pub(super) fn section(outcome: &DemoOutcome, result: &FitOutcome) -> Result<Stri
         content += &closely(outcome, result, texel, name)?;
     }
     content += &format!(
-        "<p class=\"note\">Hemispheres: light at θ<sub>i</sub> = 30° (○), mirror direction (+), equal-area projection, the rim being the horizon; rings at 30° and 60°, dashed at {MAX_THETA_O_DEG:.0}°, beyond which nothing is measured. “Measured” takes the nearest of all samples in the bi-angular distance that counts reciprocal{} pairs as one.</p>\n",
+        "<p class=\"note\">Hemispheres: light at θ<sub>i</sub> = 30° (○), mirror direction (+), equal-area \
+         projection, the rim being the horizon; rings at 30° and 60°, dashed at {MAX_THETA_O_DEG:.0}°, \
+         beyond which nothing is measured. “Measured” takes the nearest of all samples in the bi-angular \
+         distance that counts reciprocal{} pairs as one.</p>\n",
         if outcome.run.plan.isotropic { ", turned and mirrored" } else { "" }
     );
-    let lead = "The glossiest and the mattest of the materials that are wide enough to have texels away from the pattern’s edges; of those texels the one of median error: what was measured, what was fitted and what is true.";
+    let lead = "The glossiest and the mattest of the materials that are wide enough to have texels away from \
+         the pattern’s edges; of those texels the one of median error: what was measured, what was fitted \
+         and what is true.";
     Ok(html::section("texels", "Two texels closely", lead, &content))
 }
 
@@ -37,7 +42,8 @@ fn closely(outcome: &DemoOutcome, result: &FitOutcome, texel: &Chosen<'_>, name:
     let plot = polar::plot(sampled, &result.map, isotropic, texel);
     let discs = hemisphere::discs(sampled, &result.map, isotropic, texel)?;
     Ok(format!(
-        "<h3>Texel in column {column}, row {row}: the {name} material, relative error {}</h3>\n<div class=\"aside\">{}<div>{}</div></div>\n{discs}",
+        "<h3>Texel in column {column}, row {row}: the {name} material, relative error {}</h3>\n<div \
+         class=\"aside\">{}<div>{}</div></div>\n{discs}",
         numbers::percent(error),
         html::figure(&plot, ""),
         coefficients(result, texel)
@@ -69,7 +75,9 @@ fn coefficients(result: &FitOutcome, texel: &Chosen<'_>) -> String {
         coefficient("n", |lobe| numbers::significant(f64::from(lobe.n), 3));
     }
     format!(
-        "<table class=\"coefficients\"><thead><tr><th>coefficient</th><th>fitted</th><th>true</th></tr></thead><tbody>\n{rows}</tbody></table>\n"
+        "<table class=\"coefficients\"><thead>\
+         <tr><th>coefficient</th><th>fitted</th><th>true</th></tr></thead>\
+         <tbody>\n{rows}</tbody></table>\n"
     )
 }
 

@@ -17,7 +17,9 @@ pub(super) fn section(outcome: &DemoOutcome) -> Result<String> {
         .map(|pose| texture(sampled, pose))
         .collect::<Result<String>>()?;
     let lead = format!(
-        "All photographs resampled to the same {} × {} texels of {} mm, in three poses seen from near the normal. Shown is measured reflectance times cos θ<sub>i</sub>: how bright each texel looks under that light.",
+        "All photographs resampled to the same {} × {} texels of {} mm, in three poses seen from near the \
+         normal. Shown is measured reflectance times cos θ<sub>i</sub>: how bright each texel looks under \
+         that light.",
         numbers::count(sampled.width),
         numbers::count(sampled.height),
         numbers::significant(sampled.texel_mm, 3)
@@ -50,7 +52,8 @@ fn texture(sampled: &SampledSbrdf, pose: usize) -> Result<String> {
     };
     let (wi, wo) = pick::central_directions(sampled, pose);
     let caption = format!(
-        "<b>Pose {pose}</b>: light at θ<sub>i</sub> = {}, φ<sub>i</sub> = {}; camera at θ<sub>o</sub> = {}. White is {} sr⁻¹.{missing}",
+        "<b>Pose {pose}</b>: light at θ<sub>i</sub> = {}, φ<sub>i</sub> = {}; camera at θ<sub>o</sub> = {}. \
+         White is {} sr⁻¹.{missing}",
         numbers::degrees(pick::polar(wi)),
         numbers::degrees(pick::azimuth(wi)),
         numbers::degrees(pick::polar(wo)),

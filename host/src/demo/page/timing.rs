@@ -8,7 +8,8 @@ pub(super) fn section(report: &Report) -> String {
     let longest = report.stages.iter().map(|stage| stage.seconds).fold(1e-9, f64::max);
     let row = |name: &str, seconds: f64, class: &str| {
         format!(
-            "<tr{class}><th scope=\"row\">{}</th><td class=\"track\"><div style=\"width:{:.1}%\"></div></td><td class=\"number\">{}</td></tr>\n",
+            "<tr{class}><th scope=\"row\">{}</th><td class=\"track\"><div \
+             style=\"width:{:.1}%\"></div></td><td class=\"number\">{}</td></tr>\n",
             html::escape(name),
             (100.0 * seconds / longest).min(100.0),
             numbers::seconds(seconds)

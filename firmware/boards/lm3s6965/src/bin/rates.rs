@@ -1,4 +1,5 @@
-//! Counts instructions a step in QEMU, where with `-icount` each instruction takes the same time, and prints them.
+//! Counts instructions a step in QEMU, where with `-icount` each instruction takes the same time, and prints
+//! them.
 #![no_std]
 #![no_main]
 
@@ -19,8 +20,10 @@ fn main() -> ! {
 
 /// Runs a number of instructions, rounded down to even, and a few more.
 fn spend(instructions: u32) {
-    // SAFETY: touches nothing but one register of its own and the flags; the count is above 0, so that the loop ends.
+    // SAFETY: touches nothing but one register of its own and the flags; the count is above 0, so that the
+    // loop ends.
     unsafe {
-        core::arch::asm!("2: subs {0}, #1", "bne 2b", inout(reg) (instructions / 2).max(1) => _, options(nomem, nostack));
+        core::arch::asm!("2: subs {0}, #1", "bne 2b", inout(reg) (instructions / 2).max(1) => _,
+            options(nomem, nostack));
     }
 }

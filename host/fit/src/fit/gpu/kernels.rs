@@ -115,8 +115,8 @@ impl Kernels {
         })
     }
 
-    /// Lowers the cost of sets of `lobes` lobes as far as the limits allow. Anisotropic sets whose lobes are still isotropic (`fresh`)
-    /// first find their direction.
+    /// Lowers the cost of sets of `lobes` lobes as far as the limits allow. Anisotropic sets whose lobes are
+    /// still isotropic (`fresh`) first find their direction.
     ///
     /// # Errors
     /// A failure when the driver refuses.
@@ -155,7 +155,8 @@ impl Kernels {
         })
     }
 
-    /// How much each shape of the bank would lower the cost of sets of `lobes` lobes: [set][direction][exponent].
+    /// How much each shape of the bank would lower the cost of sets of `lobes` lobes:
+    /// [set][direction][exponent].
     ///
     /// # Errors
     /// A failure when the driver refuses.

@@ -1,9 +1,11 @@
-//! The separable fit on the GPU (WGSL, `shaders/fit.wgsl`): the CPU weights the samples, the GPU searches the shapes of a batch of texels at
-//! once in f32, the CPU finishes each texel in f64: amplitudes, the last step where the GPU stopped short of the tolerance, and
-//! uncertainties. The search is that of [`start`](super::separable::start), step for step, but that a texel's bank of shapes is
-//! made for its own directions.
+//! The separable fit on the GPU (WGSL, `shaders/fit.wgsl`): the CPU weights the samples, the GPU searches the
+//! shapes of a batch of texels at once in f32, the CPU finishes each texel in f64: amplitudes, the last step
+//! where the GPU stopped short of the tolerance, and uncertainties. The search is that of
+//! [`start`](super::separable::start), step for step, but that a texel's bank of shapes is made for its own
+//! directions.
 //!
-//! What differs from the CPU is which of two sets of shapes of nearly the same cost goes on, and where within the tolerance the optimiser stops.
+//! What differs from the CPU is which of two sets of shapes of nearly the same cost goes on, and where within
+//! the tolerance the optimiser stops.
 
 mod kernels;
 mod search;
@@ -50,8 +52,8 @@ pub fn name() -> Result<String> {
     Ok(shared()?.gpu.name())
 }
 
-/// The device that fits a store faster: the GPU where the store is large and there is a GPU that is no software and fits a chunk of the store
-/// in less time than the CPU.
+/// The device that fits a store faster: the GPU where the store is large and there is a GPU that is no
+/// software and fits a chunk of the store in less time than the CPU.
 ///
 /// # Errors
 /// When that chunk cannot be read.

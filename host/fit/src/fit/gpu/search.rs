@@ -1,4 +1,5 @@
-//! The search for the best set of shapes, as in [`start`](super::super::separable::start), for all texels of a batch at once.
+//! The search for the best set of shapes, as in [`start`](super::super::separable::start), for all texels of
+//! a batch at once.
 
 use glam::Vec3;
 
@@ -34,7 +35,8 @@ impl<'a> Beam<'a> {
         Self { kernels, samples, family, effort, sets, lobes: vec![0; starts.len()] }
     }
 
-    /// Adds a lobe to the sets of `texels`, which have `lobes` of them; texels where no shape explains more keep theirs.
+    /// Adds a lobe to the sets of `texels`, which have `lobes` of them; texels where no shape explains more
+    /// keep theirs.
     ///
     /// # Errors
     /// A failure when the driver refuses.

@@ -50,7 +50,8 @@ fn both(sampled: &SampledSbrdf, options: &FitOptions) -> [SbrdfMap; 2] {
     [Device::Cpu, Device::Gpu].map(|device| fit_sbrdf(sampled, &FitOptions { device, ..*options }).unwrap())
 }
 
-/// The texels that the poses tell: the others are tied to their neighbours by the CPU, which alone fits them in order.
+/// The texels that the poses tell: the others are tied to their neighbours by the CPU, which alone fits them
+/// in order.
 fn told(map: &SbrdfMap) -> Vec<usize> {
     let tied = |texel: usize| map.extra.get("tied").is_some_and(|tied| tied[texel] > 0.0);
     (0..map.width * map.height).filter(|&texel| !tied(texel)).collect()
@@ -73,7 +74,8 @@ fn differences([a, b]: &[SbrdfMap; 2]) -> Vec<f64> {
     differences
 }
 
-/// |GPU's cost over CPU's − 1| a texel that the poses tell, sorted. The residual is linear, so that `error.rms` is the root of the cost.
+/// |GPU's cost over CPU's − 1| a texel that the poses tell, sorted. The residual is linear, so that
+/// `error.rms` is the root of the cost.
 fn cost_differences([cpu, gpu]: &[SbrdfMap; 2]) -> Vec<f64> {
     let rms = |map: &SbrdfMap, texel: usize| f64::from(map.extra["error.rms"][texel]);
     let difference = |texel| ((rms(gpu, texel) / rms(cpu, texel)).powi(2) - 1.0).abs();
@@ -82,14 +84,15 @@ fn cost_differences([cpu, gpu]: &[SbrdfMap; 2]) -> Vec<f64> {
     differences
 }
 
-/// Where two sets of shapes explain a texel almost equally well, CPU and GPU may settle for different ones: a few texels in a hundred.
+/// Where two sets of shapes explain a texel almost equally well, CPU and GPU may settle for different ones: a
+/// few texels in a hundred.
 #[test]
 fn the_gpu_comes_to_the_cost_and_the_reflectance_of_the_cpu() {
     if !is_there() {
         return;
     }
-    // Two anisotropic lobes lie in long valleys, along which the tolerance stops both at different places; the CPU has starts from
-    // neighbours and from the largest residuals besides.
+    // Two anisotropic lobes lie in long valleys, along which the tolerance stops both at different places;
+    // the CPU has starts from neighbours and from the largest residuals besides.
     for (lobes, isotropic, cost, reflectance) in [(1, true, 1e-4, 1e-3), (2, false, 5e-2, 1e-2)] {
         let options = FitOptions { lobes, isotropic, residual: Residual::Linear, ..FitOptions::default() };
         let maps = both(&sampled(lobes, !isotropic), &options);

@@ -11,7 +11,8 @@ use lobelia_base::progress;
 use lobelia_base::random::Random;
 use lobelia_reflectance::sampled::{SampledSbrdf, Window};
 
-/// The texels of every region, in order. Of a region that has more than samples allow, as many are drawn among those that have a sample.
+/// The texels of every region, in order. Of a region that has more than samples allow, as many are drawn
+/// among those that have a sample.
 ///
 /// # Errors
 /// When a chunk cannot be read.

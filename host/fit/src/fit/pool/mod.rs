@@ -1,10 +1,13 @@
-//! Pooled fits (3.5, 4.6): one BRDF a region of texels from the samples of all of them, each at its own directions.
+//! Pooled fits (3.5, 4.6): one BRDF a region of texels from the samples of all of them, each at its own
+//! directions.
 //!
-//! A light and a camera that stand near see every texel from other directions, so that a few photographs of a region hold many pairs of
-//! directions of its material. The lobes are the region's; ρ_d is the region's as well, or each texel's own ([`RhoD`]). The fit is the separable one over
-//! all samples at once, of texels chosen at random where there are too many.
+//! A light and a camera that stand near see every texel from other directions, so that a few photographs of a
+//! region hold many pairs of directions of its material. The lobes are the region's; ρ_d is the region's as
+//! well, or each texel's own ([`RhoD`]). The fit is the separable one over all samples at once, of texels
+//! chosen at random where there are too many.
 //!
-//! [`regions`] reads which texel is of which region, `choose` which of them are fitted, `region` fits one region, `texels` gives every texel its coefficients and errors.
+//! [`regions`] reads which texel is of which region, `choose` which of them are fitted, `region` fits one
+//! region, `texels` gives every texel its coefficients and errors.
 
 mod choose;
 mod level;
@@ -60,7 +63,8 @@ impl RhoD {
 pub struct PoolOptions {
     /// Whose ρ_d is.
     pub rho_d: RhoD,
-    /// Most samples to which a region is fitted. Beyond it, those of whole texels, drawn among the texels that have any, are taken.
+    /// Most samples to which a region is fitted. Beyond it, those of whole texels, drawn among the texels
+    /// that have any, are taken.
     pub most_samples: usize,
     /// Seed of that choice.
     pub seed: u64,
@@ -75,7 +79,8 @@ impl Default for PoolOptions {
 /// The map of a pooled fit, and what came of its regions.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Pooled {
-    /// Every texel of a region has its lobes; texels outside are black. Beside the planes of [`super::fit_sbrdf`] there is `region`: its number from 1, 0 outside.
+    /// Every texel of a region has its lobes; texels outside are black. Beside the planes of
+    /// [`super::fit_sbrdf`] there is `region`: its number from 1, 0 outside.
     pub map: SbrdfMap,
     /// In the order of their numbers.
     pub regions: Vec<RegionReport>,
@@ -105,7 +110,8 @@ pub struct RegionReport {
 /// Refuses what a pooled fit cannot do.
 ///
 /// # Errors
-/// As [`FitOptions::check`]; another method than the separable one, the GPU, and with a ρ_d a texel a percentile or a robust fit.
+/// As [`FitOptions::check`]; another method than the separable one, the GPU, and with a ρ_d a texel a
+/// percentile or a robust fit.
 pub fn check(options: &FitOptions, pool: &PoolOptions) -> Result<()> {
     options.check()?;
     let refused = |message: &str| Err(Error::input(message));

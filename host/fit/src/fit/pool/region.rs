@@ -15,7 +15,8 @@ pub(super) struct RegionFit {
     pub fit: TexelFit,
     /// The median ρ_d, for a texel without a sample; with a ρ_d a texel.
     pub typical: Rgb,
-    /// The largest ρ_d a channel with which a texel makes no light; with a ρ_d a texel, where albedos are bounded.
+    /// The largest ρ_d a channel with which a texel makes no light; with a ρ_d a texel, where albedos are
+    /// bounded.
     pub room: Option<Rgb>,
     /// Variance of a sample of weight 1, a channel, sr⁻²; with a ρ_d a texel.
     pub variance: [f64; 3],

@@ -23,7 +23,8 @@ pub struct Regions {
 }
 
 impl Regions {
-    /// Regions of a picture's pixels, (colour, opacity) row by row; pixels that are transparent or of the colour `outside` are of none.
+    /// Regions of a picture's pixels, (colour, opacity) row by row; pixels that are transparent or of the
+    /// colour `outside` are of none.
     ///
     /// # Errors
     /// A sentence when there are more than [`MOST_REGIONS`] or none.
@@ -49,15 +50,18 @@ impl Regions {
             0 => Err("no pixel is of a region".into()),
             1..=MOST_REGIONS => Ok(regions),
             count => Err(format!(
-                "{count} colours are more regions than {MOST_REGIONS}; it has to be an indexed picture, with one colour a region"
+                "{count} colours are more regions than {MOST_REGIONS}; it has to be an indexed picture, with \
+                 one colour a region"
             )),
         }
     }
 
-    /// Reads an index image, as `lobelia edit cluster --index` writes them: an indexed, grey or coloured PNG of 8 bits a channel at most and one pixel a texel.
+    /// Reads an index image, as `lobelia edit cluster --index` writes them: an indexed, grey or coloured PNG
+    /// of 8 bits a channel at most and one pixel a texel.
     ///
     /// # Errors
-    /// Input errors for a file that cannot be read, of 16 bits a channel, of another size than the sample, or without or with too many regions.
+    /// Input errors for a file that cannot be read, of 16 bits a channel, of another size than the sample, or
+    /// without or with too many regions.
     pub fn read(path: &Path, size: [usize; 2], outside: Option<[u8; 3]>) -> Result<Self> {
         let image = picture_file::decode(path)?;
         let wrong = |what: String| Error::input(format!("{}: {what}", path.display()));

@@ -1,4 +1,5 @@
-//! Pooled fits against known materials, against least squares with all ρ_d at once, and against their own bounds.
+//! Pooled fits against known materials, against least squares with all ρ_d at once, and against their own
+//! bounds.
 
 use glam::Vec3;
 
@@ -159,7 +160,8 @@ fn lobes_and_the_rho_d_of_all_texels_are_those_of_one_least_squares_problem() {
 
 #[test]
 fn no_texel_makes_light_whatever_its_own_rho_d() {
-    // A lobe of albedo up to 0.5 above a ρ_d whose albedo is 0.3 to 0.7, with noise; some texels would be above 1.
+    // A lobe of albedo up to 0.5 above a ρ_d whose albedo is 0.3 to 0.7, with noise; some texels would be
+    // above 1.
     let lobe = |peak: f32| Lobe::new(Rgb::splat(peak), Vec3::new(-1.0, -1.0, 1.0), 8.0);
     let shining = |peak: f32, share: f32| LobeBrdf {
         rho_d: Rgb::splat(share / std::f32::consts::PI),

@@ -69,8 +69,8 @@ pub(super) fn fit(
     fit
 }
 
-/// The residual's RMS over that of the noise where samples weigh by their standard deviations. The lobes are the region's: of a texel's own unknowns there is
-/// ρ_d at most.
+/// The residual's RMS over that of the noise where samples weigh by their standard deviations. The lobes are
+/// the region's: of a texel's own unknowns there is ρ_d at most.
 fn over_noise(brdf: &LobeBrdf, samples: &[Sample], rho_d: RhoD) -> Option<f64> {
     let unknowns = if rho_d == RhoD::Texel { 3 } else { 0 };
     let free = (3 * samples.len()).saturating_sub(unknowns);

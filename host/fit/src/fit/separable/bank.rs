@@ -1,5 +1,5 @@
-//! Banks of lobes' shapes, in single precision: how much each would explain of what is left of a texel's samples is told by their products
-//! with it.
+//! Banks of lobes' shapes, in single precision: how much each would explain of what is left of a texel's
+//! samples is told by their products with it.
 
 use pulp::WithSimd;
 
@@ -38,7 +38,8 @@ impl Bank {
         self.fill_with((0..DIRECTIONS).map(angle), products, cone);
     }
 
-    /// The places of the directions one step before and after one, of a bank that goes all round the circle, where both are there.
+    /// The places of the directions one step before and after one, of a bank that goes all round the circle,
+    /// where both are there.
     pub fn neighbours(&self, place: usize) -> Option<[usize; 2]> {
         let count = self.angles.len();
         let beside = [(place + count - 1) % count, (place + 1) % count];
@@ -95,8 +96,8 @@ impl WithSimd for Fill<'_> {
     }
 }
 
-/// The angle of the C that sends light from a pose's light straight to its camera: cosθ_i C ω_i is then along ω_o as far as the plane of
-/// incidence goes. None near normal incidence, which tells nothing about C.
+/// The angle of the C that sends light from a pose's light straight to its camera: cosθ_i C ω_i is then along
+/// ω_o as far as the plane of incidence goes. None near normal incidence, which tells nothing about C.
 pub fn ridge_angle(products: &Products, pose: usize) -> Option<f64> {
     let [cos_i, cos_o] = [0, 1].map(|side: usize| products.cos[side][pose]);
     let sin2_i = 1.0 - cos_i * cos_i;

@@ -1,9 +1,11 @@
-//! No light is made where no pose looked: the directional albedo of a model is at most a limit, at every incidence and in every channel.
+//! No light is made where no pose looked: the directional albedo of a model is at most a limit, at every
+//! incidence and in every channel.
 //!
-//! Given the shapes, an albedo is linear in the amplitudes, so that the amplitudes under the bound are a small quadratic programme
-//! (`quadratic`); the shapes are then searched as without it, with amplitudes that move along the albedos that press
-//! against the limit. Where none presses all is as without the bound. What this leaves to lobes of which the samples do not tell the shape, a
-//! glare in directions that no pose saw, `wild` limits.
+//! Given the shapes, an albedo is linear in the amplitudes, so that the amplitudes under the bound are a
+//! small quadratic programme (`quadratic`); the shapes are then searched as without it, with amplitudes that
+//! move along the albedos that press against the limit. Where none presses all is as without the bound. What
+//! this leaves to lobes of which the samples do not tell the shape, a glare in directions that no pose saw,
+//! `wild` limits.
 
 use std::sync::LazyLock;
 
@@ -22,7 +24,8 @@ use super::shape;
 use lobelia_reflectance::albedo::{self, INCIDENCES_DEG};
 use lobelia_reflectance::{LobeBrdf, Microfacet, Rgb};
 
-/// Azimuths of the incidences in quarter turns: of isotropic lobes, of anisotropic ones against their axes, of lobes about a normal of their own.
+/// Azimuths of the incidences in quarter turns: of isotropic lobes, of anisotropic ones against their axes,
+/// of lobes about a normal of their own.
 const ISOTROPIC: [f64; 1] = [0.0];
 const ANISOTROPIC: [f64; 3] = [0.0, 0.5, 1.0];
 const TILTED: [f64; 8] = [0.0, 0.5, 1.0, 1.5, 2.0, 2.5, 3.0, 3.5];
@@ -151,8 +154,8 @@ pub struct Caps {
     pub scale: [f64; CHANNELS],
 }
 
-/// Whether a model of plain lobes keeps the limit for sure: |p|ⁿ 2π / (n + 1), with p = C ω_i at its longest, is more than a lobe's albedo
-/// anywhere.
+/// Whether a model of plain lobes keeps the limit for sure: |p|ⁿ 2π / (n + 1), with p = C ω_i at its longest,
+/// is more than a lobe's albedo anywhere.
 fn surely_kept(layout: Layout, model: &Model, at: &Amplitudes, caps: &Caps) -> bool {
     let Extension { sharpening, coat, .. } = layout.extension;
     if sharpening || coat {
@@ -174,7 +177,8 @@ fn surely_kept(layout: Layout, model: &Model, at: &Amplitudes, caps: &Caps) -> b
     })
 }
 
-/// The largest albedo of a model in any channel, over its limit: above 1 where the bound is broken. The albedos are set where that is not plain to see.
+/// The largest albedo of a model in any channel, over its limit: above 1 where the bound is broken. The
+/// albedos are set where that is not plain to see.
 pub fn excess(albedos: &mut Albedos, layout: Layout, model: &Model, at: &Amplitudes, caps: &Caps) -> f64 {
     if surely_kept(layout, model, at, caps) {
         return 0.0;
@@ -298,7 +302,8 @@ fn cost(at: &Amplitudes, gram: &Gram, layout: Layout, channel: usize) -> f64 {
     normal::squares(cost)
 }
 
-/// The normal equations of the shapes where amplitudes press against the limit: they move along it as the shapes change.
+/// The normal equations of the shapes where amplitudes press against the limit: they move along it as the
+/// shapes change.
 pub fn normal(gram: &Gram, layout: Layout, model: &Model, at: &Amplitudes, data: &Data) -> Normal {
     // Channels at the limit have no part in the plain equations.
     let mut plain = *at;
@@ -359,8 +364,9 @@ fn slopes(layout: Layout, model: &Model, at: &Amplitudes, cone: [f64; 2]) -> Vec
     slopes
 }
 
-/// Adds a channel at the limit. With D the derivatives of the shapes' sum by the unknowns and M those of the free amplitudes, its Jacobian is
-/// J = D + Φ M, where Φᵀ(D + Φ M) + Gᵀ μ = 0 and G M = −∂G x for the albedos G that press.
+/// Adds a channel at the limit. With D the derivatives of the shapes' sum by the unknowns and M those of the
+/// free amplitudes, its Jacobian is J = D + Φ M, where Φᵀ(D + Φ M) + Gᵀ μ = 0 and G M = −∂G x for the albedos
+/// G that press.
 fn add_pressing(
     normal: &mut Normal,
     gram: &Gram,

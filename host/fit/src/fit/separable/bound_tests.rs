@@ -1,4 +1,5 @@
-//! The bound on albedo against finite differences, against the penalty method of [`conserve`](super::super::conserve), and on known materials.
+//! The bound on albedo against finite differences, against the penalty method of
+//! [`conserve`](super::super::conserve), and on known materials.
 
 use glam::{DVec2, DVec3, Vec3};
 

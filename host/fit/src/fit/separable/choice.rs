@@ -1,9 +1,11 @@
-//! As many lobes as the samples support: a model is judged by how well it predicts poses that it was not fitted to.
+//! As many lobes as the samples support: a model is judged by how well it predicts poses that it was not
+//! fitted to.
 //!
-//! Leaving a pose out moves its residuals r to (I − H)⁻¹ r to first order, with H the pose's 3 × 3 block of the hat matrix of all unknowns, so no
-//! refit is needed. A lobe that stands on one or two samples has H near I there and predicts nothing. A larger model has to
-//! be better by two standard errors of the difference over poses, or much better on the whole: what errors of direction do to a few poses at
-//! the flank of a highlight no lobe should be fitted to.
+//! Leaving a pose out moves its residuals r to (I − H)⁻¹ r to first order, with H the pose's 3 × 3 block of
+//! the hat matrix of all unknowns, so no refit is needed. A lobe that stands on one or two samples has H near
+//! I there and predicts nothing. A larger model has to be better by two standard errors of the difference
+//! over poses, or much better on the whole: what errors of direction do to a few poses at the flank of a
+//! highlight no lobe should be fitted to.
 
 use glam::{DMat3, DVec3};
 
@@ -20,13 +22,15 @@ use super::uncertainty::{Covariance, Response};
 const ERRORS: f64 = 2.0;
 /// Standard errors below which a larger model that was taken is not better by much.
 const CLOSE: f64 = 3.0;
-/// Standard errors from which on a larger model that is not better beyond doubt makes one more lobe worth a look.
+/// Standard errors from which on a larger model that is not better beyond doubt makes one more lobe worth a
+/// look.
 const DOUBTFUL: f64 = 0.5;
-/// Or the share of the sum of squares that it may leave: a sharp lobe that only two or three poses meet is never two
-/// standard errors better, but leaves next to nothing there.
+/// Or the share of the sum of squares that it may leave: a sharp lobe that only two or three poses meet is
+/// never two standard errors better, but leaves next to nothing there.
 const SHARE: f64 = 0.7;
 
-/// The squared residuals of every pose, summed over channels, predicted without it; the model was evaluated last.
+/// The squared residuals of every pose, summed over channels, predicted without it; the model was evaluated
+/// last.
 pub fn left_out(solver: &Solver, task: Task, model: &Model, at: &Amplitudes) -> Vec<f64> {
     let layout = solver.layout(task.family, task.diffuse, model);
     let covariance = Covariance::new(&normal::normal(&solver.gram, layout, at));
@@ -41,7 +45,8 @@ pub fn left_out(solver: &Solver, task: Task, model: &Model, at: &Amplitudes) -> 
                 return 0.0;
             }
             let mut residual = DVec3::ZERO;
-            // Derivatives of the pose's values by the shapes, amplitudes following; what of the hat matrix is the amplitudes' own.
+            // Derivatives of the pose's values by the shapes, amplitudes following; what of the hat matrix is
+            // the amplitudes' own.
             let mut slopes = [[0.0; UNKNOWNS]; CHANNELS];
             let mut hat = DMat3::IDENTITY * own.get(k).copied().unwrap_or(0.0);
             let mut solved = [0.0; LINEAR];
@@ -96,7 +101,8 @@ pub fn left_out(solver: &Solver, task: Task, model: &Model, at: &Amplitudes) -> 
 pub enum Verdict {
     /// It is better beyond doubt.
     Better,
-    /// It predicts the poses a little better, but not beyond doubt: two lobes more may be, where one alone stands for both badly.
+    /// It predicts the poses a little better, but not beyond doubt: two lobes more may be, where one alone
+    /// stands for both badly.
     Doubtful,
     /// It is no better.
     No,
@@ -112,8 +118,8 @@ pub fn verdict(large: &[f64], small: &[f64]) -> Verdict {
     }
 }
 
-/// Whether two numbers of lobes are told apart by little: the larger model is neither better by more than three standard errors nor no better
-/// at all.
+/// Whether two numbers of lobes are told apart by little: the larger model is neither better by more than
+/// three standard errors nor no better at all.
 pub fn is_close(large: &[f64], small: &[f64]) -> bool {
     let (gain, error, whole) = gain(large, small);
     gain > DOUBTFUL * error && gain <= CLOSE * error && gain <= (1.0 - SHARE) * whole
@@ -129,7 +135,8 @@ fn gain(large: &[f64], small: &[f64]) -> (f64, f64, f64) {
     (gain, squares.sqrt(), small.iter().sum())
 }
 
-/// Looks for the last number of lobes that is better beyond doubt than the best before it, one lobe beyond the first that is not.
+/// Looks for the last number of lobes that is better beyond doubt than the best before it, one lobe beyond
+/// the first that is not.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Ascent {
     doubted: bool,

@@ -1,9 +1,9 @@
-//! One texel's search: from fits with fewer lobes to those with more, from isotropic ones to anisotropic ones, each from its neighbours' where that
-//! is as good.
+//! One texel's search: from fits with fewer lobes to those with more, from isotropic ones to anisotropic
+//! ones, each from its neighbours' where that is as good.
 //!
-//! Every fit contains those below it, so it starts from them as well: a texel never ends at a higher cost than with fewer lobes or with
-//! isotropic ones, whatever its neighbours or the bank proposed. A neighbour's minimum that is a wrong one is not carried on where a
-//! simpler fit does better.
+//! Every fit contains those below it, so it starts from them as well: a texel never ends at a higher cost
+//! than with fewer lobes or with isotropic ones, whatever its neighbours or the bank proposed. A neighbour's
+//! minimum that is a wrong one is not carried on where a simpler fit does better.
 
 use super::super::FitOptions;
 use super::super::lm::Limits;
@@ -16,21 +16,22 @@ use super::task::{Effort, Task};
 use super::texel::Workspace;
 use super::{choice, normal, solver, uncertainty};
 
-/// What was found for channels that are fitted together: the models with 1, 2, … lobes of the task's own family, and isotropic ones where that is
-/// another.
+/// What was found for channels that are fitted together: the models with 1, 2, … lobes of the task's own
+/// family, and isotropic ones where that is another.
 pub(super) type Trail = [Vec<Known>; 2];
 
-/// Lobes are isotropic if, made anisotropic, they explain no more than this, times one more than their number, of the noise's variance. Noise alone
-/// comes to that in one texel of fifty.
+/// Lobes are isotropic if, made anisotropic, they explain no more than this, times one more than their
+/// number, of the noise's variance. Noise alone comes to that in one texel of fifty.
 const NOISE_GAIN: f64 = 4.0;
-/// A lobe more is not worth a try where the bank's best explains less than this, times the noise's variance: the best of all shapes takes
-/// about 10 of it from noise alone.
+/// A lobe more is not worth a try where the bank's best explains less than this, times the noise's variance:
+/// the best of all shapes takes about 10 of it from noise alone.
 const PROMISING: f64 = 16.0;
 /// When a fit is good enough to tell whether it predicts left-out poses better.
 const TO_JUDGE: Limits = Limits { iterations: 20, tolerance: 3e-5 };
 
 impl Task {
-    /// Of the fits of both families the one to keep, with its task: isotropic unless the other is better or does with fewer lobes.
+    /// Of the fits of both families the one to keep, with its task: isotropic unless the other is better or
+    /// does with fewer lobes.
     pub fn better_family(self, anisotropic: Found, isotropic: Found) -> (Self, Model) {
         let fewer = anisotropic.model.lobes.len() < isotropic.model.lobes.len();
         let better = choice::is_better(&anisotropic.left_out, &isotropic.left_out);
@@ -44,7 +45,8 @@ impl Task {
 }
 
 impl Workspace {
-    /// The model that is found, with the task whose family it belongs to: where the number of lobes is a choice, so is isotropy.
+    /// The model that is found, with the task whose family it belongs to: where the number of lobes is a
+    /// choice, so is isotropy.
     pub(super) fn search(&mut self, task: Task, near: &[&Trail]) -> (Task, Model, Trail) {
         let of = |family: usize| near.iter().map(|trail| &trail[family][..]).collect::<Vec<_>>();
         if task.family == Family::Isotropic {
@@ -73,8 +75,8 @@ impl Workspace {
         model
     }
 
-    /// Whether lobes may be anisotropic beyond doubt: whether from any of the isotropic fits one step over symmetric C, two more unknowns a lobe, would
-    /// lower the cost by more than noise allows.
+    /// Whether lobes may be anisotropic beyond doubt: whether from any of the isotropic fits one step over
+    /// symmetric C, two more unknowns a lobe, would lower the cost by more than noise allows.
     fn may_be_anisotropic(&mut self, task: Task, isotropic: &Found) -> bool {
         let solver = &mut self.solver;
         let most = isotropic.model.lobes.len().max(1);
@@ -88,7 +90,8 @@ impl Workspace {
         })
     }
 
-    /// The fit with what the options allow beyond plain lobes; `whole` is the task before a family was chosen.
+    /// The fit with what the options allow beyond plain lobes; `whole` is the task before a family was
+    /// chosen.
     pub(super) fn extended(
         &mut self,
         options: &FitOptions,
@@ -104,8 +107,9 @@ impl Workspace {
         extend((solver, bank, search), options.extensions, whole, plain)
     }
 
-    /// The fits with 1, 2, … lobes of a family: up to the task's number, or, where that is a choice, to one that predicts left-out poses no better.
-    /// `isotropic` are those of isotropic lobes where the family is another.
+    /// The fits with 1, 2, … lobes of a family: up to the task's number, or, where that is a choice, to one
+    /// that predicts left-out poses no better. `isotropic` are those of isotropic lobes where the family is
+    /// another.
     fn ladder(&mut self, task: Task, near: &[&[Known]], isotropic: Option<&[Known]>) -> Found {
         let mut best = Found::of(&mut self.solver, Task { lobes: 0, ..task }, Model::default());
         let mut ascent = Ascent::default();
@@ -154,7 +158,8 @@ impl Workspace {
             < PROMISING * uncertainty::variance(solver, layout, &at)
     }
 
-    /// The fit with a number of lobes: from the neighbour whose shapes describe this texel best, or else from a search as well.
+    /// The fit with a number of lobes: from the neighbour whose shapes describe this texel best, or else from
+    /// a search as well.
     fn rung(&mut self, task: Task, near: &[&[Known]], below: Option<&Known>, wide: Option<&Known>) -> Known {
         let Self { solver, bank, search, .. } = self;
         let mut start: Option<(f64, &Known)> = None;

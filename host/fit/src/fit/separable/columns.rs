@@ -1,5 +1,5 @@
-//! The hot loop: columns of a model (shapes and their derivatives at every sample, times the root of the weight) and their
-//! Gram matrix, from which everything that the solver does follows.
+//! The hot loop: columns of a model (shapes and their derivatives at every sample, times the root of the
+//! weight) and their Gram matrix, from which everything that the solver does follows.
 
 use super::data::Data;
 use super::extended;
@@ -8,10 +8,11 @@ use super::layout::{CHANNELS, COMMON, Layout, WIDTH};
 use super::levels;
 use super::math::{self, LANES};
 
-/// Writes a lobe's columns: shape, derivative by ln n, derivatives along the tangents. `slope` is scratch of the same length.
+/// Writes a lobe's columns: shape, derivative by ln n, derivatives along the tangents. `slope` is scratch of
+/// the same length.
 ///
-/// Blocks are copied into local arrays, where a compiler sees that lists do not overlap, and there is no branch: that makes
-/// vector code.
+/// Blocks are copied into local arrays, where a compiler sees that lists do not overlap, and there is no
+/// branch: that makes vector code.
 #[inline(always)]
 fn lobe<const P: usize, const T: usize>(
     form: &Form<P, T>,

@@ -1,6 +1,8 @@
-//! One texel's samples as the solver wants them: products of directions in flat arrays, colours times the roots of their weights.
+//! One texel's samples as the solver wants them: products of directions in flat arrays, colours times the
+//! roots of their weights.
 //!
-//! Every pose keeps its place in the arrays, whatever texel is at hand; a pose without a valid sample has weight 0.
+//! Every pose keeps its place in the arrays, whatever texel is at hand; a pose without a valid sample has
+//! weight 0.
 
 use glam::DVec3;
 
@@ -95,7 +97,8 @@ pub struct Data {
     pub valid: usize,
     /// Root of the weight that the channels share, residual's own included.
     pub root: Vec<f64>,
-    /// (f − ρ_d) · `root` · `scale`, for the channels that are fitted together; ρ_d only where it is no unknown.
+    /// (f − ρ_d) · `root` · `scale`, for the channels that are fitted together; ρ_d only where it is no
+    /// unknown.
     pub goal: [Vec<f64>; 3],
     /// Root of each of those channels' weight against the others.
     pub scale: [f64; 3],
@@ -103,7 +106,8 @@ pub struct Data {
     pub most: [f64; 3],
     /// How many channels are fitted together.
     pub channels: usize,
-    /// Where the places of each texel begin and those of the last end, where texels that are fitted together have a ρ_d each ([`levels`]); else empty.
+    /// Where the places of each texel begin and those of the last end, where texels that are fitted together
+    /// have a ρ_d each ([`levels`]); else empty.
     pub texels: Vec<usize>,
 }
 
@@ -263,11 +267,11 @@ impl Data {
         self.cone = least.map(|lanes| lanes.into_iter().fold(1.0, f64::min).acos());
     }
 
-    /// Weights and goals for fitting `channels` together, for a residual that is linear in f. `fixed` is ρ_d a channel where that is
-    /// no unknown.
+    /// Weights and goals for fitting `channels` together, for a residual that is linear in f. `fixed` is ρ_d
+    /// a channel where that is no unknown.
     ///
-    /// The channels share the weights, which for the proportional residual follow the luminance; what that gives a
-    /// channel too much or too little on the whole its `scale` makes up for.
+    /// The channels share the weights, which for the proportional residual follow the luminance; what that
+    /// gives a channel too much or too little on the whole its `scale` makes up for.
     #[inline(always)]
     pub fn aim(&mut self, channels: &[usize], residual: Residual, fixed: Option<[f64; 3]>) {
         let count = self.len();
@@ -300,8 +304,8 @@ impl Data {
         self.level();
     }
 
-    /// Sets the roots of the weights to the inverse of the samples' standard deviations, of which the channels have `shares`; returns the sum of what that
-    /// gives each channel too much or too little.
+    /// Sets the roots of the weights to the inverse of the samples' standard deviations, of which the
+    /// channels have `shares`; returns the sum of what that gives each channel too much or too little.
     fn weigh_by_sigma(&mut self, shares: [f64; 3]) -> [f64; 3] {
         let mut ratios = [0.0; 3];
         for (k, root) in self.root.iter_mut().enumerate() {
@@ -315,7 +319,8 @@ impl Data {
         ratios
     }
 
-    /// Sets the roots of the weights to those of the poses and of the residual; returns as [`Self::weigh_by_sigma`].
+    /// Sets the roots of the weights to those of the poses and of the residual; returns as
+    /// [`Self::weigh_by_sigma`].
     #[inline(always)]
     fn weigh_by_residual(&mut self, shares: [f64; 3], residual: Residual) -> [f64; 3] {
         let count = self.len();

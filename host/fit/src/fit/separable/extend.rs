@@ -1,7 +1,9 @@
-//! From the plain fit of a texel to one with a normal of its own, lobes that sharpen, or a microfacet term ([`extended`](super::extended)).
+//! From the plain fit of a texel to one with a normal of its own, lobes that sharpen, or a microfacet term
+//! ([`extended`](super::extended)).
 //!
-//! Each starts from the plain fits with 1, 2, … lobes: what a single tilted lobe is, plain ones may have taken two for. Where there is a choice, an
-//! extension stays only if it predicts left-out poses better than what there was before ([`choice`]).
+//! Each starts from the plain fits with 1, 2, … lobes: what a single tilted lobe is, plain ones may have
+//! taken two for. Where there is a choice, an extension stays only if it predicts left-out poses better than
+//! what there was before ([`choice`]).
 
 use glam::DVec2;
 
@@ -19,16 +21,17 @@ use super::task::{Effort, Task};
 
 /// Widths from which a microfacet term is optimised.
 const COAT_WIDTHS: [f64; 6] = [0.01, 0.03, 0.08, 0.2, 0.4, 0.8];
-/// Standard errors by which an extension has to be better: there are several, each with starts of its own, and with two errors for each
-/// one plain texel in a hundred would get something that it has not.
+/// Standard errors by which an extension has to be better: there are several, each with starts of its own,
+/// and with two errors for each one plain texel in a hundred would get something that it has not.
 const ERRORS: f64 = 3.0;
-/// Or the share of the sum of squares that it may leave: what few poses meet can never be so many standard errors better.
+/// Or the share of the sum of squares that it may leave: what few poses meet can never be so many standard
+/// errors better.
 const SHARE: f64 = 0.5;
 /// Sets of a microfacet term alone that lobes are added to.
 const COATS: usize = 2;
 
-/// What was found for a texel: a model with the task that it belongs to, and the models with 1, 2, … lobes of the task's own family and,
-/// where there is a choice of families, isotropic ones.
+/// What was found for a texel: a model with the task that it belongs to, and the models with 1, 2, … lobes of
+/// the task's own family and, where there is a choice of families, isotropic ones.
 #[derive(Debug, Clone)]
 pub struct Plain<'a> {
     /// Task of the family that was chosen.
@@ -39,7 +42,8 @@ pub struct Plain<'a> {
     pub trail: [&'a [Known]; 2],
 }
 
-/// The fit with what `extensions` allow, `whole` being the task before a family was chosen. The solver has begun with the texel's data.
+/// The fit with what `extensions` allow, `whole` being the task before a family was chosen. The solver has
+/// begun with the texel's data.
 pub fn extend(
     (solver, bank, search): (&mut Solver, &Bank, &mut Search),
     extensions: Extensions,
@@ -86,8 +90,8 @@ fn is_surely_better(extended: &Found, plain: &Found) -> bool {
     gain > ERRORS * error || gain > (1.0 - SHARE) * plain.left_out.iter().sum::<f64>()
 }
 
-/// The best of the models that are extended by `more`: of the one that was taken, or where there is a choice of those in the trail, the
-/// largest that is better than the one before it, by families.
+/// The best of the models that are extended by `more`: of the one that was taken, or where there is a choice
+/// of those in the trail, the largest that is better than the one before it, by families.
 fn best_extended(
     solver: &mut Solver,
     whole: Task,

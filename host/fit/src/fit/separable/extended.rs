@@ -1,8 +1,10 @@
-//! Models beyond lobes of one exponent about the surface's normal (section 7): lobes about a normal of the texel's own, lobes that sharpen toward
-//! grazing (6.19), a GGX microfacet term. Their columns, for the same solver.
+//! Models beyond lobes of one exponent about the surface's normal (section 7): lobes about a normal of the
+//! texel's own, lobes that sharpen toward grazing (6.19), a GGX microfacet term. Their columns, for the same
+//! solver.
 //!
-//! About a normal N the base is ω_iᵀ R C' Rᵀ ω_o, with R the shortest turn from z to N: linear in the six products of a symmetric matrix. A
-//! microfacet term counts as two terms beside the lobes, f0 and f90, with α as the one shape unknown of both.
+//! About a normal N the base is ω_iᵀ R C' Rᵀ ω_o, with R the shortest turn from z to N: linear in the six
+//! products of a symmetric matrix. A microfacet term counts as two terms beside the lobes, f0 and f90, with α
+//! as the one shape unknown of both.
 
 use glam::{DMat3, DVec2, DVec3};
 
@@ -122,8 +124,8 @@ pub fn form(model: &Model, index: usize, family: Family, cone: [f64; 2]) -> Form
     form
 }
 
-/// Writes a lobe's columns: shape, derivative by ln n, those along the tangents, and that by ln n₀ where it sharpens. `slope` is
-/// scratch of the same length.
+/// Writes a lobe's columns: shape, derivative by ln n, those along the tangents, and that by ln n₀ where it
+/// sharpens. `slope` is scratch of the same length.
 #[inline(always)]
 pub fn fill_lobe(
     form: &Form,

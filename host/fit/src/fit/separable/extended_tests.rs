@@ -42,7 +42,8 @@ fn models() -> Vec<(Family, Model)> {
     all
 }
 
-/// The values of columns are those of the BRDF that a model becomes, and the gradient is that of the projected cost.
+/// The values of columns are those of the BRDF that a model becomes, and the gradient is that of the
+/// projected cost.
 #[test]
 fn values_agree_with_the_brdf_and_the_gradient_with_finite_differences() {
     let truth = material(2, &mut Random::new(5));

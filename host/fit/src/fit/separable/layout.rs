@@ -1,4 +1,5 @@
-//! Which columns a model has and which unknowns its shapes: sizes, families of shapes, what is beyond plain lobes.
+//! Which columns a model has and which unknowns its shapes: sizes, families of shapes, what is beyond plain
+//! lobes.
 
 use super::super::model::Model;
 
@@ -6,7 +7,8 @@ use super::super::model::Model;
 pub const MOST_LOBES: usize = super::super::MOST_LOBES;
 /// Channels at most.
 pub const CHANNELS: usize = 3;
-/// Columns of a lobe at most: shape, derivative by ln n, three tangents; two of its normal and one by the exponent toward grazing.
+/// Columns of a lobe at most: shape, derivative by ln n, three tangents; two of its normal and one by the
+/// exponent toward grazing.
 pub const PER_LOBE: usize = 8;
 /// Terms with an amplitude at most: the lobes, and two of a microfacet term.
 pub const MOST_TERMS: usize = MOST_LOBES + 2;
@@ -20,7 +22,8 @@ pub const WIDTH: usize = COMMON + MOST_LOBES * PER_LOBE + PER_COAT;
 /// Linear unknowns of a channel: ρ_d and the amplitudes of the lobes, then f0 and f90.
 pub const LINEAR: usize = 1 + MOST_TERMS;
 
-/// Unknowns at most: three a lobe and β, or four a lobe; two of the normal, an exponent toward grazing a lobe, and α.
+/// Unknowns at most: three a lobe and β, or four a lobe; two of the normal, an exponent toward grazing a
+/// lobe, and α.
 pub const UNKNOWNS: usize = 4 * MOST_LOBES + 2 + MOST_LOBES + 1;
 
 /// Which shapes are fitted.
@@ -30,8 +33,9 @@ pub enum Family {
     Isotropic,
     /// ln n and two tangents of C a lobe, and β for all of them.
     Anisotropic,
-    /// ln n, the isotropic angle, and the two entries that a symmetric C has besides, (xx − yy)/2 and xy: every lobe with a
-    /// direction of its own, without the singularity that β has at Cx = Cy. Steps start at isotropic lobes.
+    /// ln n, the isotropic angle, and the two entries that a symmetric C has besides, (xx − yy)/2 and xy:
+    /// every lobe with a direction of its own, without the singularity that β has at Cx = Cy. Steps start at
+    /// isotropic lobes.
     Split,
 }
 
@@ -115,7 +119,8 @@ impl Layout {
         self.lobes + if self.extension.coat { 2 } else { 0 }
     }
 
-    /// Derivative columns of a term: of a lobe the family's, then those of its normal and by its exponent toward grazing.
+    /// Derivative columns of a term: of a lobe the family's, then those of its normal and by its exponent
+    /// toward grazing.
     pub fn derivatives(&self, term: usize) -> usize {
         let Extension { normals, sharpening, .. } = self.extension;
         let of_lobe = self.family.derivatives() + if normals { 2 } else { 0 } + usize::from(sharpening);

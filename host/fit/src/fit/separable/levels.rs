@@ -1,12 +1,13 @@
-//! A ρ_d a texel where texels are fitted together: it follows in closed form, as the weighted mean that the lobes leave of the texel, and so is no
-//! unknown of the search.
+//! A ρ_d a texel where texels are fitted together: it follows in closed form, as the weighted mean that the
+//! lobes leave of the texel, and so is no unknown of the search.
 //!
-//! With D the columns of those ρ_d, least squares over D and the other columns X have the same solution in X as least squares over
-//! (I − H_D) X against (I − H_D) y (Frisch and Waugh 1933). H_D takes the weighted mean within each texel, and since it does not depend on
-//! the shapes the derivatives of the columns are treated alike.
+//! With D the columns of those ρ_d, least squares over D and the other columns X have the same solution in X
+//! as least squares over (I − H_D) X against (I − H_D) y (Frisch and Waugh 1933). H_D takes the weighted mean
+//! within each texel, and since it does not depend on the shapes the derivatives of the columns are treated
+//! alike.
 
-/// Takes from a column, which is values times the roots of their weights, the weighted mean within every texel. `starts` says where the texels begin
-/// and where the last ends.
+/// Takes from a column, which is values times the roots of their weights, the weighted mean within every
+/// texel. `starts` says where the texels begin and where the last ends.
 #[inline(always)]
 pub fn take_off(starts: &[usize], root: &[f64], column: &mut [f64]) {
     for ends in starts.windows(2) {

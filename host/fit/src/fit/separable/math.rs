@@ -2,7 +2,8 @@
 //!
 //! Without fused multiply-add, so that every machine gives the same bits.
 
-/// ln x of a positive normal number; relative error below 1e-12 or absolute error below 1e-13, whichever is larger.
+/// ln x of a positive normal number; relative error below 1e-12 or absolute error below 1e-13, whichever is
+/// larger.
 #[inline(always)]
 pub fn ln(x: f64) -> f64 {
     const ONE: u64 = 0x3ff0_0000_0000_0000;
@@ -53,9 +54,11 @@ pub fn exp(x: f64) -> f64 {
     series * power
 }
 
-/// Σ a b of two lists with each of three, in [`LANES`] partial sums; the lists' common length is a multiple of [`LANES`].
+/// Σ a b of two lists with each of three, in [`LANES`] partial sums; the lists' common length is a multiple
+/// of [`LANES`].
 ///
-/// Every value that is read goes into two or three sums, as many as processors with 16 vector registers have room for.
+/// Every value that is read goes into two or three sums, as many as processors with 16 vector registers have
+/// room for.
 #[inline(always)]
 pub fn dots(a: [&[f64]; 2], b: [&[f64]; 3]) -> [[f64; 3]; 2] {
     let [a0, a1] = a.map(|list| list.as_chunks::<LANES>().0.iter());
@@ -77,7 +80,8 @@ pub fn dots(a: [&[f64]; 2], b: [&[f64]; 3]) -> [[f64; 3]; 2] {
     [[t00, t01, t02], [t10, t11, t12]]
 }
 
-/// The sums of all lanes of each list. Not inlined: beside these sums, compilers make no vector code of the loop before them.
+/// The sums of all lanes of each list. Not inlined: beside these sums, compilers make no vector code of the
+/// loop before them.
 #[inline(never)]
 fn totals(lists: &[[f64; LANES]; 6]) -> [f64; 6] {
     let mut totals = [0.0; 6];

@@ -1,10 +1,12 @@
-//! Mirror terms: peaks so narrow that the poses cannot tell their width (stability case G7). A lobe fitted to one would have an
-//! exponent and an albedo that nothing supports; the peak is reported and the poses that met it are left out of the fit.
+//! Mirror terms: peaks so narrow that the poses cannot tell their width (stability case G7). A lobe fitted to
+//! one would have an exponent and an albedo that nothing supports; the peak is reported and the poses that
+//! met it are left out of the fit.
 //!
-//! Few poses stand out by far, all near the mirror direction. The narrowness of a lobe through them has a lower bound from what the next poses
-//! see, and one from energy: with f ∝ cosⁿ of the angle to the mirror direction, 2δ for a half vector at δ from the normal, the albedo is about
-//! 2π f / (n + 2). Where energy asks for a narrower lobe than the poses do, or the poses for one of n ≥ 1000 (at half its
-//! peak 2.1° from the mirror direction), they do not resolve it.
+//! Few poses stand out by far, all near the mirror direction. The narrowness of a lobe through them has a
+//! lower bound from what the next poses see, and one from energy: with f ∝ cosⁿ of the angle to the mirror
+//! direction, 2δ for a half vector at δ from the normal, the albedo is about 2π f / (n + 2). Where energy
+//! asks for a narrower lobe than the poses do, or the poses for one of n ≥ 1000 (at half its peak 2.1° from
+//! the mirror direction), they do not resolve it.
 
 use super::data::Data;
 use lobelia_reflectance::colour;
@@ -15,7 +17,8 @@ const MOST_POSES: usize = 3;
 const STANDS_OUT: f64 = 30.0;
 /// And how many times the median of all.
 const OVER_MEDIAN: f64 = 100.0;
-/// Largest angle of their half vectors from the normal, radians: half a degree or two of registration and of the light's size.
+/// Largest angle of their half vectors from the normal, radians: half a degree or two of registration and of
+/// the light's size.
 const MOST_OFF: f64 = 0.05;
 
 /// Least exponent of a lobe that so few poses meet for being no lobe.
@@ -26,8 +29,8 @@ const NO_LOBE: f64 = 1000.0;
 pub struct Mirror {
     /// Poses that met it.
     pub poses: Vec<usize>,
-    /// Their largest f cosθ_i a channel, sr⁻¹. Times the solid angle dω_i of the light (3.10) it is ρ_m of L_r = ρ_m L_i, or a lower bound
-    /// of it where no pose saw the light's whole image.
+    /// Their largest f cosθ_i a channel, sr⁻¹. Times the solid angle dω_i of the light (3.10) it is ρ_m of
+    /// L_r = ρ_m L_i, or a lower bound of it where no pose saw the light's whole image.
     pub value: [f64; 3],
 }
 
@@ -110,7 +113,8 @@ mod tests {
         poses
     }
 
-    /// The image of a light of 10 mm at 1 m in a mirror of reflectance `rho`, sr⁻¹: within 0.14° of the mirror's half vector.
+    /// The image of a light of 10 mm at 1 m in a mirror of reflectance `rho`, sr⁻¹: within 0.14° of the
+    /// mirror's half vector.
     fn image(rho: f32, wi: Vec3, wo: Vec3) -> f32 {
         let half = (wi + wo).normalize();
         if half.z.acos() < 0.0025 { rho / (7.85e-5 * wi.z) } else { 0.0 }

@@ -1,5 +1,6 @@
-//! What follows from the Gram matrix of the columns: amplitudes in closed form, and the normal equations of the shapes with the
-//! amplitudes projected out (Kaufman's approximation of the Jacobian of variable projection).
+//! What follows from the Gram matrix of the columns: amplitudes in closed form, and the normal equations of
+//! the shapes with the amplitudes projected out (Kaufman's approximation of the Jacobian of variable
+//! projection).
 
 use super::super::linear;
 use super::columns::Gram;
@@ -110,7 +111,8 @@ pub fn amplitudes(gram: &Gram, layout: Layout, most: &Most) -> Amplitudes {
     found
 }
 
-/// Squared residuals from their expanded form: rounding may take it below 0, and products that overflowed are the worst fit there is.
+/// Squared residuals from their expanded form: rounding may take it below 0, and products that overflowed are
+/// the worst fit there is.
 pub(super) fn squares(expanded: f64) -> f64 {
     if expanded.is_finite() { expanded.max(0.0) } else { f64::INFINITY }
 }

@@ -1,9 +1,11 @@
-//! What the poses do not tell is taken from a prior: a lobe that hardly any pose met has no exponent of its own, and poses in one plane
-//! cannot tell Cx from Cy.
+//! What the poses do not tell is taken from a prior: a lobe that hardly any pose met has no exponent of its
+//! own, and poses in one plane cannot tell Cx from Cy.
 //!
-//! In units of the prior's widths and of the noise's variance, a combination of the shapes' unknowns of which the information matrix has an eigenvalue
-//! below 1 is known less well than the prior knows it. Along those combinations, and along no others, (θ − θ₀)² is added to the cost and the
-//! shapes are optimised again, as long as the cost rises by no more than the variance of the noise. A texel without such a combination stays as it is.
+//! In units of the prior's widths and of the noise's variance, a combination of the shapes' unknowns of which
+//! the information matrix has an eigenvalue below 1 is known less well than the prior knows it. Along those
+//! combinations, and along no others, (θ − θ₀)² is added to the cost and the shapes are optimised again, as
+//! long as the cost rises by no more than the variance of the noise. A texel without such a combination stays
+//! as it is.
 
 use super::super::linear;
 use super::super::lm::tangents;
@@ -30,8 +32,8 @@ const ROUNDING: f64 = 1e-7;
 
 type Unknowns = [f64; UNKNOWNS];
 
-/// Ties what the samples in the solver do not tell of a model to that of a neighbour, or else to Phong's or the retro-reflecting lobe of
-/// exponent 10, and returns how many combinations of unknowns that decides.
+/// Ties what the samples in the solver do not tell of a model to that of a neighbour, or else to Phong's or
+/// the retro-reflecting lobe of exponent 10, and returns how many combinations of unknowns that decides.
 pub fn tie(solver: &mut Solver, task: Task, model: &mut Model, near: Option<&Model>) -> usize {
     if model.lobes.is_empty() {
         return 0;
@@ -104,7 +106,8 @@ struct Prior {
 }
 
 impl Prior {
-    /// For every lobe of a model the neighbour's that points most alike, or Phong's or the retro-reflecting one.
+    /// For every lobe of a model the neighbour's that points most alike, or Phong's or the retro-reflecting
+    /// one.
     fn new(model: &Model, near: Option<&Model>) -> Self {
         let known = [DVec3::new(-1.0, -1.0, 1.0), DVec3::ONE].map(|c| ModelLobe::unit(c, EXPONENT));
         let choice = near.map_or(&known[..], |near| &near.lobes);

@@ -1,4 +1,5 @@
-//! The fit on sampled SBRDFs that the simulated rig photographed: patterns' edges, mixed texels, all the errors of a rig.
+//! The fit on sampled SBRDFs that the simulated rig photographed: patterns' edges, mixed texels, all the
+//! errors of a rig.
 
 use super::super::lm::Limits;
 use super::super::model::{Model, ModelLobe, isotropic_c};
@@ -61,7 +62,8 @@ fn random_model(lobes: usize, isotropic: bool, random: &mut Random) -> Model {
     Model { beta, lobes: (0..lobes).map(|_| lobe(random)).collect(), ..Model::default() }
 }
 
-/// For one texel in `step`: the cost of the map's fit over the best of 64 random starts and that of every map of `nested` fits.
+/// For one texel in `step`: the cost of the map's fit over the best of 64 random starts and that of every map
+/// of `nested` fits.
 struct Judged {
     over_random: Vec<f64>,
     over_nested: Vec<f64>,
@@ -102,7 +104,8 @@ fn judge(
         workspace.solver.hold(bound);
         let solver = &mut workspace.solver;
         let cost = cost_of(solver, family, &map.texel(index));
-        // A fit that met its limits searched anew for them, and may have found more than on the way to more lobes.
+        // A fit that met its limits searched anew for them, and may have found more than on the way to more
+        // lobes.
         for map in nested.iter().filter(|map| !limited(map, index)) {
             judged.over_nested.push(cost / cost_of(solver, family, &map.texel(index)));
         }
@@ -141,7 +144,8 @@ fn check(name: &str, sampled: &SampledSbrdf, options: &FitOptions, step: usize, 
     assert!(fault.is_none(), "{}", fault.unwrap());
 }
 
-/// What is wrong with a fit, if anything: fewer texels than `least`, less two standard errors, reach the best of 64, or one is above a nested fit.
+/// What is wrong with a fit, if anything: fewer texels than `least`, less two standard errors, reach the best
+/// of 64, or one is above a nested fit.
 fn fault(
     name: &str,
     sampled: &SampledSbrdf,
@@ -156,7 +160,8 @@ fn fault(
         sorted[((sorted.len() - 1) as f64 * share) as usize]
     };
     println!(
-        "{name}, {} lobes, isotropic {}: within 2 % at {:.3} of {} texels, p99 {:.3}, worst {:.3}; over nested fits at most {:.4}",
+        "{name}, {} lobes, isotropic {}: within 2 % at {:.3} of {} texels, p99 {:.3}, worst {:.3}; over \
+         nested fits at most {:.4}",
         options.lobes,
         options.isotropic,
         judged.within(0.02),

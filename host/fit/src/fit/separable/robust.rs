@@ -1,8 +1,10 @@
-//! Weights for samples that may lie far off: first Huber's (1964), by which a large residual counts by its size instead of its square,
-//! then Tukey's biweight, by which one that is larger still does not count at all.
+//! Weights for samples that may lie far off: first Huber's (1964), by which a large residual counts by its
+//! size instead of its square, then Tukey's biweight, by which one that is larger still does not count at
+//! all.
 //!
-//! The distance of a pose is the norm of its weighted residuals over the channels; its scale comes from the median of all
-//! poses, which up to half of them cannot move. Weights and fit follow each other (iteratively reweighted least squares).
+//! The distance of a pose is the norm of its weighted residuals over the channels; its scale comes from the
+//! median of all poses, which up to half of them cannot move. Weights and fit follow each other (iteratively
+//! reweighted least squares).
 
 use super::layout::{CHANNELS, Layout};
 use super::normal::Amplitudes;
@@ -12,14 +14,16 @@ use super::solver::Solver;
 pub const ROUNDS: usize = 8;
 /// The first rounds are Huber's: Tukey's weights need a fit that is nearly right.
 const HUBER: usize = 3;
-/// The distance from which on Tukey's weight is 0, over that from which on Huber's falls: 4.7 standard deviations of one channel.
+/// The distance from which on Tukey's weight is 0, over that from which on Huber's falls: 4.7 standard
+/// deviations of one channel.
 const NOTHING: f64 = 2.4;
-/// Median and 95 % quantile of the norm of 1, 2 and 3 standard normal values. Beyond the second a pose weighs less.
+/// Median and 95 % quantile of the norm of 1, 2 and 3 standard normal values. Beyond the second a pose weighs
+/// less.
 const MEDIAN: [f64; CHANNELS] = [0.674, 1.177, 1.538];
 const FAR: [f64; CHANNELS] = [1.960, 2.448, 2.795];
 
-/// A factor for the weight of every pose in a round, from the residuals of a model that was evaluated last; `before` are the factors in
-/// the data.
+/// A factor for the weight of every pose in a round, from the residuals of a model that was evaluated last;
+/// `before` are the factors in the data.
 pub fn factors(round: usize, solver: &Solver, layout: Layout, at: &Amplitudes, before: &[f64]) -> Vec<f64> {
     let columns = &solver.columns;
     let mut squares = vec![0.0; solver.data.len()];

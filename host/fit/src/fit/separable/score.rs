@@ -1,7 +1,7 @@
 //! How much each shape of a [`bank`] would lower the cost beside a model's.
 //!
-//! To first order, from products of the bank's shapes with what the model leaves of the samples, what the model spans being free to follow: its amplitudes
-//! and, of one lobe or two, its shapes.
+//! To first order, from products of the bank's shapes with what the model leaves of the samples, what the
+//! model spans being free to follow: its amplitudes and, of one lobe or two, its shapes.
 
 use super::super::linear;
 use super::super::model::Model;
@@ -79,8 +79,9 @@ impl Scores {
         f64::from(best.max(ridge))
     }
 
-    /// The shapes that would lower the cost most beside a model's, the best first: score, angle of C and exponent of the local maxima over the
-    /// bank, and of the best whose highlight passes through one of the largest residuals.
+    /// The shapes that would lower the cost most beside a model's, the best first: score, angle of C and
+    /// exponent of the local maxima over the bank, and of the best whose highlight passes through one of the
+    /// largest residuals.
     pub fn maxima(
         &mut self,
         solver: &Solver,
@@ -100,8 +101,9 @@ impl Scores {
         starts
     }
 
-    /// The best lobes, with their scores, whose highlights pass through the poses with the largest residuals, at most `count`. The directions of
-    /// the bank lie too far apart for sharp highlights that few poses meet.
+    /// The best lobes, with their scores, whose highlights pass through the poses with the largest residuals,
+    /// at most `count`. The directions of the bank lie too far apart for sharp highlights that few poses
+    /// meet.
     fn best_of_ridge(&mut self, solver: &Solver, count: usize, along: Along) -> Vec<Maximum> {
         let products = &solver.data.products;
         let poses = products.plane.len();
@@ -162,8 +164,8 @@ impl Scores {
         }
     }
 
-    /// How much each shape of the bank would lower the cost beside the model's, to first order, what is there moving along; −∞ where it adds
-    /// nothing. The lists are made.
+    /// How much each shape of the bank would lower the cost beside the model's, to first order, what is there
+    /// moving along; −∞ where it adds nothing. The lists are made.
     fn score(&mut self, solver: &Solver, bank: &Bank, along: Along) {
         let count = bank.count;
         let known = self.spanned.len();
@@ -208,8 +210,8 @@ impl Scores {
         }
     }
 
-    /// The maximum near a shape at an angle, between it and its neighbours: exponents, and directions where `beside` tells their places. Each way it is that of the parabola
-    /// through three scores.
+    /// The maximum near a shape at an angle, between it and its neighbours: exponents, and directions where
+    /// `beside` tells their places. Each way it is that of the parabola through three scores.
     fn between(&self, index: usize, beside: impl Fn(usize) -> Option<[usize; 2]>, angle: f64) -> Maximum {
         let (place, exponent) = (index / EXPONENTS, index % EXPONENTS);
         let score = self.scores[index];
@@ -246,7 +248,8 @@ impl Scores {
     }
 }
 
-/// The columns that the model spans: those of the linear unknowns that are free in any channel, and, of one lobe or two, the derivatives of their shapes.
+/// The columns that the model spans: those of the linear unknowns that are free in any channel, and, of one
+/// lobe or two, the derivatives of their shapes.
 fn spanned(layout: Layout, at: &Amplitudes) -> impl Iterator<Item = usize> {
     let free = move |unknown: usize| (0..layout.channels).any(|channel| at.free[channel][unknown]);
     let lit = move |term: usize| (0..layout.channels).any(|channel| at.x[channel][1 + term] > 0.0);

@@ -1,10 +1,10 @@
-//! Starts from data: lobes of a small bank that explain most of what is left of a texel's samples, and those whose highlight passes through the
-//! largest residuals.
+//! Starts from data: lobes of a small bank that explain most of what is left of a texel's samples, and those
+//! whose highlight passes through the largest residuals.
 //!
-//! The bank's shapes are those at a place near the texel, so one bank serves a block of texels; the solver then works with the
-//! texel's own directions. Lobes are added one after the other: the local maxima of what a shape explains beside those
-//! found so far ([`Scores`]), over directions of C round the (Cxy, Cz) circle and n = 1, 2, 4, …, are each optimised for a few steps,
-//! and the best go on.
+//! The bank's shapes are those at a place near the texel, so one bank serves a block of texels; the solver
+//! then works with the texel's own directions. Lobes are added one after the other: the local maxima of what
+//! a shape explains beside those found so far ([`Scores`]), over directions of C round the (Cxy, Cz) circle
+//! and n = 1, 2, 4, …, are each optimised for a few steps, and the best go on.
 
 use super::super::lm::Limits;
 use super::super::model::{Model, ModelLobe, isotropic_c};
@@ -86,8 +86,9 @@ impl Search {
         }
     }
 
-    /// The best fit of anisotropic lobes, as many as are supported, that starts from the isotropic models with 1, 2, … lobes or from the
-    /// anisotropic one with one lobe less; with lobes added to a model without any.
+    /// The best fit of anisotropic lobes, as many as are supported, that starts from the isotropic models
+    /// with 1, 2, … lobes or from the anisotropic one with one lobe less; with lobes added to a model without
+    /// any.
     pub fn widened_from(
         &mut self,
         solver: &mut Solver,
@@ -114,9 +115,10 @@ impl Search {
         Found { known, ..best }
     }
 
-    /// The best fit of a fixed number of lobes that the search finds, from the fits `below`, with one lobe less, and `wide`, with as many isotropic
-    /// lobes where the family is another: at no higher cost than either, nor than `followed`, which came from a neighbour. Where there is no neighbour
-    /// (`fresh`) sets are looked for that are better only with more lobes.
+    /// The best fit of a fixed number of lobes that the search finds, from the fits `below`, with one lobe
+    /// less, and `wide`, with as many isotropic lobes where the family is another: at no higher cost than
+    /// either, nor than `followed`, which came from a neighbour. Where there is no neighbour (`fresh`) sets
+    /// are looked for that are better only with more lobes.
     pub fn rung(
         &mut self,
         solver: &mut Solver,
@@ -170,8 +172,9 @@ impl Search {
         Known { level: found.cost / solver.data.valid.max(1) as f64, ..found }
     }
 
-    /// A fit with lobes exchanged, one after the other, for better ones of the bank as long as that lowers the cost: with three lobes and more, one
-    /// that stands where two of them would do better lets no single lobe be added there.
+    /// A fit with lobes exchanged, one after the other, for better ones of the bank as long as that lowers
+    /// the cost: with three lobes and more, one that stands where two of them would do better lets no single
+    /// lobe be added there.
     pub fn exchanged(&mut self, solver: &mut Solver, bank: &Bank, task: Task, mut best: Known) -> Known {
         let (mut place, mut kept) = (0, 0);
         while kept < best.model.lobes.len() {
@@ -207,7 +210,8 @@ impl Search {
         self.extended(solver, bank, task, &[Candidate::of(model.clone())], true).pop().map(|set| set.model)
     }
 
-    /// A fit within the task from one that it contains: as it is where lobes are only isotropic, else with a lobe more.
+    /// A fit within the task from one that it contains: as it is where lobes are only isotropic, else with a
+    /// lobe more.
     fn widest(&mut self, solver: &mut Solver, bank: &Bank, task: Task, nested: &Known) -> Known {
         let as_it_is = Known { level: nested.cost / solver.data.valid.max(1) as f64, ..nested.clone() };
         if nested.model.lobes.len() == task.lobes {
@@ -219,7 +223,8 @@ impl Search {
         found.filter(|found| found.cost <= nested.cost).unwrap_or(as_it_is)
     }
 
-    /// The best sets of one lobe more than those of the beam, the best first; tried for a few steps where `tried`, or where there are several.
+    /// The best sets of one lobe more than those of the beam, the best first; tried for a few steps where
+    /// `tried`, or where there are several.
     fn extended(
         &mut self,
         solver: &mut Solver,
@@ -241,7 +246,8 @@ impl Search {
         next
     }
 
-    /// The model with one lobe of the bank more, for the best of its shapes, and the cost that the best of them would come to, to first order and at best.
+    /// The model with one lobe of the bank more, for the best of its shapes, and the cost that the best of
+    /// them would come to, to first order and at best.
     fn proposed(
         &mut self,
         solver: &mut Solver,

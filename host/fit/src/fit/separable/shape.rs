@@ -1,4 +1,5 @@
-//! The unknowns of the shapes: which there are, how a lobe's base depends on them, and how a step changes a model.
+//! The unknowns of the shapes: which there are, how a lobe's base depends on them, and how a step changes a
+//! model.
 
 use glam::DVec3;
 
@@ -29,7 +30,8 @@ pub fn anisotropic_form(lobe: &ModelLobe, beta: f64) -> Form<4, 3> {
     Form { base: scaled(lobe.c), tangents: [scaled(u), scaled(v), turning], n: lobe.n }
 }
 
-/// The base of an isotropic lobe in (xx, yy, zz, xy) with its angle and the two entries that make C anisotropic.
+/// The base of an isotropic lobe in (xx, yy, zz, xy) with its angle and the two entries that make C
+/// anisotropic.
 pub fn split_form(lobe: &ModelLobe) -> Form<4, 3> {
     let [u, _] = tangents(lobe.c, true);
     let scaled = |v: DVec3| [v.x, v.y, v.z, 0.0].map(|x| x / lobe.reference);

@@ -1,6 +1,8 @@
-//! Levenberg–Marquardt over the shapes alone (variable projection): at every step the amplitudes of all channels follow in closed form.
+//! Levenberg–Marquardt over the shapes alone (variable projection): at every step the amplitudes of all
+//! channels follow in closed form.
 //!
-//! The Jacobian is Kaufman's approximation (1975); damping is Marquardt's with Nielsen's rule, as in [`lm`](super::super::lm).
+//! The Jacobian is Kaufman's approximation (1975); damping is Marquardt's with Nielsen's rule, as in
+//! [`lm`](super::super::lm).
 
 use pulp::{Arch, WithSimd};
 
@@ -36,7 +38,8 @@ pub struct Solver {
     pub gram: Box<Gram>,
     /// What the vector code is compiled for.
     pub arch: Arch,
-    /// Largest directional albedo that amplitudes may come to, and that of a ρ_d a channel that is no unknown; none where they are free.
+    /// Largest directional albedo that amplitudes may come to, and that of a ρ_d a channel that is no
+    /// unknown; none where they are free.
     bound: Option<Bound>,
     albedos: Albedos,
     tamed: Tame,
@@ -155,7 +158,8 @@ impl Solver {
         Most { lobes: self.data.most, coats: self.data.scale, shares }
     }
 
-    /// From here on no lobe exceeds its limit, times the largest value that was measured, anywhere above the surface.
+    /// From here on no lobe exceeds its limit, times the largest value that was measured, anywhere above the
+    /// surface.
     pub fn tame(&mut self, limits: Tame) {
         if self.tamed != limits {
             (self.tamed, self.last) = (limits, None);
@@ -252,8 +256,8 @@ impl Solver {
     }
 }
 
-/// The damped step; none where the equations are singular. Exponents at a bound that they would pass, and shapes of
-/// lobes without amplitude, stay.
+/// The damped step; none where the equations are singular. Exponents at a bound that they would pass, and
+/// shapes of lobes without amplitude, stay.
 pub(super) fn solve(normal: &Normal, layout: Layout, model: &Model, damping: f64) -> Option<[f64; UNKNOWNS]> {
     let size = normal.size;
     let mut fixed = [false; UNKNOWNS];

@@ -1,5 +1,5 @@
-//! What is known of a fit ([`Known`], [`Found`]), starts from neighbours ([`follow`]), and the optimisation of all
-//! starts ([`minimise`]).
+//! What is known of a fit ([`Known`], [`Found`]), starts from neighbours ([`follow`]), and the optimisation
+//! of all starts ([`minimise`]).
 
 use super::super::lm::{Descent, Limits};
 use super::super::model::Model;
@@ -15,7 +15,8 @@ use super::uncertainty;
 pub struct Known {
     /// The shapes.
     pub model: Model,
-    /// Cost a valid sample that the search came to with as many lobes, here or at the texel that it was handed on from.
+    /// Cost a valid sample that the search came to with as many lobes, here or at the texel that it was
+    /// handed on from.
     pub level: f64,
     /// Cost here.
     pub cost: f64,
@@ -85,9 +86,9 @@ pub(super) fn level(solver: &Solver, at: &Amplitudes) -> f64 {
     at.cost / solver.data.valid.max(1) as f64
 }
 
-/// A start from a neighbour has led to as good a fit as a search would if its cost is within this range of what the search came to
-/// there. The cost of 600 samples with nothing but noise scatters by 6 %; a cost far lower is that of another material, of
-/// which the neighbour's search tells nothing.
+/// A start from a neighbour has led to as good a fit as a search would if its cost is within this range of
+/// what the search came to there. The cost of 600 samples with nothing but noise scatters by 6 %; a cost far
+/// lower is that of another material, of which the neighbour's search tells nothing.
 const AS_GOOD: std::ops::RangeInclusive<f64> = 0.8..=1.15;
 
 /// Whether a neighbour's shapes as they are come so close to its own cost that no other start needs a look.
@@ -104,9 +105,10 @@ pub fn is_told(solver: &mut Solver, task: Task, near: &Known) -> bool {
     uncertainty::told(solver, layout, &at).into_iter().all(|told| told)
 }
 
-/// The fit of a fixed number of lobes from shapes that were found nearby, and whether it is as good as a search would find. It may not be where
-/// it is worse than there, or far better (then it is of another material), above `floor`, the cost of a fit that it contains, or where an
-/// isotropic lobe of it only fits noise, in which the neighbour's has no meaning here.
+/// The fit of a fixed number of lobes from shapes that were found nearby, and whether it is as good as a
+/// search would find. It may not be where it is worse than there, or far better (then it is of another
+/// material), above `floor`, the cost of a fit that it contains, or where an isotropic lobe of it only fits
+/// noise, in which the neighbour's has no meaning here.
 ///
 /// Anisotropic lobes start from the isotropic ones here as well: what noise makes of them differs.
 pub fn follow(
@@ -143,7 +145,8 @@ pub fn follow(
     (found, good)
 }
 
-/// Optimises within the task's family. An anisotropic fit of lobes that are still isotropic first finds their direction.
+/// Optimises within the task's family. An anisotropic fit of lobes that are still isotropic first finds their
+/// direction.
 pub fn minimise(solver: &mut Solver, task: Task, limits: Limits, model: &mut Model) -> (Amplitudes, Descent) {
     let Task { family, diffuse, .. } = task;
     if family != Family::Anisotropic
@@ -157,8 +160,9 @@ pub fn minimise(solver: &mut Solver, task: Task, limits: Limits, model: &mut Mod
     solver.minimise(family, diffuse, limits, model)
 }
 
-/// Gives isotropic lobes the direction β and the difference of Cx and Cy that one Gauss–Newton step over symmetric C suggests: its entries
-/// h cos 2β and h sin 2β have no singularity at h = 0. Lobes vote for the common axis by their information.
+/// Gives isotropic lobes the direction β and the difference of Cx and Cy that one Gauss–Newton step over
+/// symmetric C suggests: its entries h cos 2β and h sin 2β have no singularity at h = 0. Lobes vote for the
+/// common axis by their information.
 fn spread(solver: &mut Solver, diffuse: bool, model: &mut Model) {
     let at = solver.evaluate(Family::Split, diffuse, model);
     let layout = solver.layout(Family::Split, diffuse, model);

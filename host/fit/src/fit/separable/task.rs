@@ -19,8 +19,8 @@ pub struct Effort {
 }
 
 impl Effort {
-    /// For one of thousands of texels. Up to two lobes little effort finds the best start in all but a few per cent of texels; with
-    /// more, sets of shapes compete that look alike for the first few steps.
+    /// For one of thousands of texels. Up to two lobes little effort finds the best start in all but a few
+    /// per cent of texels; with more, sets of shapes compete that look alike for the first few steps.
     pub fn texel(lobes: usize) -> Self {
         if lobes <= 2 {
             return Self {

@@ -1,4 +1,5 @@
-//! The separable fit against finite differences, against Levenberg–Marquardt over all unknowns, and against known materials.
+//! The separable fit against finite differences, against Levenberg–Marquardt over all unknowns, and against
+//! known materials.
 
 use glam::DVec3;
 
@@ -171,7 +172,8 @@ fn amplitudes_stay_below_their_cap_and_the_rest_is_solved_around_them() {
     assert!(capped.cost > free.cost);
 }
 
-/// The share of `texels` noisy texels in which the deterministic search comes within 2 % of the best cost of 64 random starts.
+/// The share of `texels` noisy texels in which the deterministic search comes within 2 % of the best cost of
+/// 64 random starts.
 fn share_within_two_percent(texels: u64, lobes: usize) -> f64 {
     let mut within = 0;
     for seed in 0..texels {
@@ -216,8 +218,8 @@ fn so_it_does_for_95_percent_of_200_texels() {
     }
 }
 
-/// A sample of `side`² texels in four patches of materials with two lobes that stand out of the noise; their albedos and exponents
-/// change across the sample.
+/// A sample of `side`² texels in four patches of materials with two lobes that stand out of the noise; their
+/// albedos and exponents change across the sample.
 fn patches(side: usize) -> SampledSbrdf {
     let lobe =
         |rho_s: [f32; 3], c: [f32; 3], n| Lobe::new(Rgb::from_array(rho_s), glam::Vec3::from_array(c), n);
@@ -249,8 +251,8 @@ fn patches(side: usize) -> SampledSbrdf {
     synth::sample(&options, |index, _, wi, wo| of(index).eval(wi, wo))
 }
 
-/// The share of texels, one in `step`, that the fit of a whole sample brings within 2 % of the cost of the best of 64 random starts and the
-/// texel's own search.
+/// The share of texels, one in `step`, that the fit of a whole sample brings within 2 % of the cost of the
+/// best of 64 random starts and the texel's own search.
 fn share_of_patches(side: usize, step: usize) -> f64 {
     let sampled = patches(side);
     let options = FitOptions { lobes: 2, residual: Residual::Linear, ..FitOptions::default() };
@@ -305,8 +307,8 @@ fn so_they_do_on_a_sample_of_4096_texels() {
     assert!(share >= 0.95, "{share}");
 }
 
-/// Spread of the coefficients over `repeats` fits of the same texel with new noise of 0.002 sr⁻¹, over the mean of the stated
-/// standard deviations: ρ_d, ρ_s, Cx, Cz, n of the first lobe, and β.
+/// Spread of the coefficients over `repeats` fits of the same texel with new noise of 0.002 sr⁻¹, over the
+/// mean of the stated standard deviations: ρ_d, ρ_s, Cx, Cz, n of the first lobe, and β.
 fn spread_over_stated(repeats: u64, isotropic: bool) -> Vec<(&'static str, f64)> {
     let lobe = Lobe::new;
     let cy = if isotropic { -0.95 } else { -0.75 };
@@ -392,8 +394,8 @@ fn a_robust_fit_withstands_outliers_and_costs_little_without_them() {
     assert!(recovered >= 8, "{recovered} of 10");
 }
 
-/// How many lobes `auto` gives texels of materials with 0 to 3 lobes that differ well, and the errors on unposed directions over those
-/// of the right fixed number.
+/// How many lobes `auto` gives texels of materials with 0 to 3 lobes that differ well, and the errors on
+/// unposed directions over those of the right fixed number.
 #[test]
 fn auto_finds_the_number_of_lobes_their_kind_and_isotropy() {
     let lobe =

@@ -46,7 +46,8 @@ pub struct Workspace {
     trail: Trail,
     /// Whether another number of lobes would have done almost as well there.
     pub(super) doubtful: bool,
-    /// The ρ_d beside which lobes keep the bound on albedos, where the texels that are fitted together have one each.
+    /// The ρ_d beside which lobes keep the bound on albedos, where the texels that are fitted together have
+    /// one each.
     level: [f64; CHANNELS],
 }
 
@@ -117,7 +118,8 @@ impl WithSimd for Squares<'_> {
     }
 }
 
-/// By how much the cost of a model that was chosen under the bound may be above that of the one that was chosen without it.
+/// By how much the cost of a model that was chosen under the bound may be above that of the one that was
+/// chosen without it.
 const CHOSEN_UNDER_BOUND: f64 = 1.02;
 /// The channels that are fitted together.
 pub fn channel_groups(options: &FitOptions) -> &'static [&'static [usize]] {
@@ -133,7 +135,8 @@ impl Workspace {
         self.told.clear();
     }
 
-    /// Reads the samples of texel `index`. Where the number of lobes is a choice, so is a mirror term: poses that met one are left out.
+    /// Reads the samples of texel `index`. Where the number of lobes is a choice, so is a mirror term: poses
+    /// that met one are left out.
     pub fn load(&mut self, poses: &Poses, sampled: &SampledSbrdf, index: usize, options: &FitOptions) {
         self.solver.arch.dispatch(Load(&mut self.solver.data, poses, sampled, index, options.weights));
         self.neighbour.clear();
@@ -151,16 +154,18 @@ impl Workspace {
         self.bank.fill(&self.solver.data.products, self.solver.data.cone);
     }
 
-    /// As [`Self::take`], for samples of several texels that follow each other, each with a ρ_d of its own ([`levels`](super::levels)): `starts` says where
-    /// the texels begin and where the last ends. Lobes keep the bound on albedos beside a ρ_d of `level`, which is what the fit then has.
+    /// As [`Self::take`], for samples of several texels that follow each other, each with a ρ_d of its own
+    /// ([`levels`](super::levels)): `starts` says where the texels begin and where the last ends. Lobes keep
+    /// the bound on albedos beside a ρ_d of `level`, which is what the fit then has.
     pub fn take_texels(&mut self, samples: &Samples, starts: &[usize], level: [f64; CHANNELS]) {
         self.take(samples);
         self.solver.data.texels.extend_from_slice(starts);
         self.level = level;
     }
 
-    /// Fits the samples that were read, of the texel that follows in the block's order, row by row; `column` is its place in the row. It
-    /// starts from what was found left of it and above it, and searches where that does not lead to as good a fit.
+    /// Fits the samples that were read, of the texel that follows in the block's order, row by row; `column`
+    /// is its place in the row. It starts from what was found left of it and above it, and searches where
+    /// that does not lead to as good a fit.
     pub fn fit_next(&mut self, options: &FitOptions, column: usize) -> TexelFit {
         let mut columns = std::mem::take(&mut self.columns);
         let sides = [
@@ -189,7 +194,8 @@ impl Workspace {
         fit
     }
 
-    /// Fits the samples that were read. With fewer samples than unknowns fewer lobes are fitted, with none the texel is black.
+    /// Fits the samples that were read. With fewer samples than unknowns fewer lobes are fitted, with none
+    /// the texel is black.
     pub fn fit(&mut self, options: &FitOptions) -> TexelFit {
         self.fit_by(options, |workspace, _, task| {
             let (found, model, trail) = workspace.search(task, &[]);
@@ -198,7 +204,8 @@ impl Workspace {
         })
     }
 
-    /// As [`Self::fit`] by another search: given the place of a group of channels, at which the samples are aimed, and its task.
+    /// As [`Self::fit`] by another search: given the place of a group of channels, at which the samples are
+    /// aimed, and its task.
     pub fn fit_by(
         &mut self,
         options: &FitOptions,
@@ -304,7 +311,8 @@ impl Workspace {
         Some(Bound { albedo, fixed })
     }
 
-    /// The fit under a bound, where the free one breaks it: from the free one's shapes, and from a search of its own.
+    /// The fit under a bound, where the free one breaks it: from the free one's shapes, and from a search of
+    /// its own.
     fn bounded(&mut self, whole: Task, (task, model): (Task, &Model), bound: Bound) -> Option<(Task, Model)> {
         let at = self.solver.evaluate(task.family, task.diffuse, model);
         if self.solver.excess((task.family, task.diffuse), model, &at, bound) <= 1.0 {
@@ -331,8 +339,9 @@ impl Workspace {
         Some(if from_search <= worth * from_free { (searched_task, searched) } else { (task, near) })
     }
 
-    /// The fit where the samples do not tell a lobe's shape and it would exceed all that was measured where no pose looked: there it may not. From the
-    /// shapes as they are, from lobes that do not grow toward grazing, and from the fit with one lobe less and the bank.
+    /// The fit where the samples do not tell a lobe's shape and it would exceed all that was measured where
+    /// no pose looked: there it may not. From the shapes as they are, from lobes that do not grow toward
+    /// grazing, and from the fit with one lobe less and the bank.
     fn tamed(&mut self, task: Task, model: &Model) -> Option<Model> {
         let Self { solver, bank, search, trail, .. } = self;
         let of = (task.family, task.diffuse);
@@ -367,8 +376,8 @@ impl Workspace {
         Some(model)
     }
 
-    /// Ties what the samples do not tell of the model of a group of channels to the neighbour's, or else to Phong's; leaves in its place what the next
-    /// texel may be tied to.
+    /// Ties what the samples do not tell of the model of a group of channels to the neighbour's, or else to
+    /// Phong's; leaves in its place what the next texel may be tied to.
     fn tie(&mut self, group: usize, task: Task, model: &mut Model) -> usize {
         self.neighbour.resize(self.neighbour.len().max(group + 1), None);
         let alike = self.neighbour[group]

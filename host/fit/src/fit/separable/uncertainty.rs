@@ -1,8 +1,9 @@
 //! Standard deviations of the coefficients from the information matrix at the solution.
 //!
-//! With the noise σ² of a weighted residual taken from the fit's own cost, the shapes θ have the covariance σ² (JᵀJ)⁻¹ of the projected normal
-//! equations, and a channel's amplitudes x = x(θ) + e have σ² G⁻¹ + M cov(θ) Mᵀ with M = dx/dθ = −G⁻¹ ΦᵀD x. What the map
-//! holds follows to first order. It holds for noise that the weights describe and for a model that can describe the material.
+//! With the noise σ² of a weighted residual taken from the fit's own cost, the shapes θ have the covariance
+//! σ² (JᵀJ)⁻¹ of the projected normal equations, and a channel's amplitudes x = x(θ) + e have σ² G⁻¹ + M
+//! cov(θ) Mᵀ with M = dx/dθ = −G⁻¹ ΦᵀD x. What the map holds follows to first order. It holds for noise that
+//! the weights describe and for a model that can describe the material.
 
 use glam::DVec3;
 
@@ -39,8 +40,8 @@ pub struct CoatSigma {
     pub alpha: f64,
 }
 
-/// Standard deviations of a texel's coefficients, in the order of the map. What the samples do not tell has the width of its range:
-/// π/4 for β, 1 for C, the largest exponent for n; an amplitude at a bound has 0.
+/// Standard deviations of a texel's coefficients, in the order of the map. What the samples do not tell has
+/// the width of its range: π/4 for β, 1 for C, the largest exponent for n; an amplitude at a bound has 0.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Sigma {
     /// Of ρ_d a channel, sr⁻¹.
@@ -56,8 +57,8 @@ pub struct Sigma {
 }
 
 impl Sigma {
-    /// Takes over those of a group of channels, of which the model has the direction `beta`; x and y of C change places where
-    /// the map's β lies a quarter turn from it.
+    /// Takes over those of a group of channels, of which the model has the direction `beta`; x and y of C
+    /// change places where the map's β lies a quarter turn from it.
     pub fn take(&mut self, channels: &[usize], group: Self, beta: f64) {
         let turned = (beta / std::f64::consts::FRAC_PI_2).round() as i64 % 2 != 0 && group.beta > 0.0;
         (self.beta, self.normal, self.coat) = (group.beta, group.normal, group.coat);
@@ -79,13 +80,14 @@ impl Sigma {
     }
 }
 
-/// The error of n is normal on a logarithmic scale: its standard deviation is stated so that this many of it reach upwards as far as so
-/// many of ln n's.
+/// The error of n is normal on a logarithmic scale: its standard deviation is stated so that this many of it
+/// reach upwards as far as so many of ln n's.
 const REACH: f64 = 5.0;
-/// A lobe is told from noise where the sum of squares without it would be larger by so many times the noise's variance. The best of
-/// all shapes takes up to about 40 of it from samples that hold nothing but noise.
+/// A lobe is told from noise where the sum of squares without it would be larger by so many times the noise's
+/// variance. The best of all shapes takes up to about 40 of it from samples that hold nothing but noise.
 const TOLD: f64 = 50.0;
-/// Standard deviation of n over n beyond which it says nothing: shapes far from the one that was found then fit as well.
+/// Standard deviation of n over n beyond which it says nothing: shapes far from the one that was found then
+/// fit as well.
 const VAGUE: f64 = 0.2;
 /// Standard deviation of an unknown shape about which the samples say nothing.
 const UNTOLD: f64 = 1e3;
@@ -149,7 +151,8 @@ impl Covariance {
     }
 }
 
-/// The standard deviations at a model that was evaluated last, for the channels that were fitted together (in their order).
+/// The standard deviations at a model that was evaluated last, for the channels that were fitted together (in
+/// their order).
 pub fn sigma(solver: &Solver, family: Family, diffuse: bool, model: &Model, at: &Amplitudes) -> Sigma {
     let layout = solver.layout(family, diffuse, model);
     // What is held at the cap of amplitudes is not known any better for that.

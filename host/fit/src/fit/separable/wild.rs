@@ -7,11 +7,13 @@ use super::normal::Amplitudes;
 use super::solver::{Solver, Tame, UNTOLD, WILD};
 use super::uncertainty;
 
-/// Limit of a lobe that is told from noise, but hardly its shape: what it makes of grazing directions may be so much more than what was seen.
+/// Limit of a lobe that is told from noise, but hardly its shape: what it makes of grazing directions may be
+/// so much more than what was seen.
 const VAGUE: f64 = 30.0;
 
-/// Limits for the lobes of a model that was evaluated last of which the samples do not tell the shape and which exceed them where no pose looked;
-/// none where no lobe does. Lobes that were `chosen` for what they predict do not only fit noise.
+/// Limits for the lobes of a model that was evaluated last of which the samples do not tell the shape and
+/// which exceed them where no pose looked; none where no lobe does. Lobes that were `chosen` for what they
+/// predict do not only fit noise.
 pub(super) fn limits(
     solver: &Solver,
     task: (Family, bool),

@@ -1,10 +1,11 @@
-//! As many lobes as a table supports, and a microfacet term or none: a model is judged by how well it predicts whole incidences that
-//! it was not fitted to.
+//! As many lobes as a table supports, and a microfacet term or none: a model is judged by how well it
+//! predicts whole incidences that it was not fitted to.
 //!
-//! Each incidence (tables with many: each band of 10°) of the rows that the fit may see is left out in turn, and the optimum of all
-//! rows is optimised again without it. What counts is |ln f̂ − ln f| of f cosθ_o above 1e-3 sr⁻¹, up to [`CAP`]: how far a model is off
-//! where it extrapolates says nothing. Rows of one incidence err alike, so that it is incidences that count as independent: a larger model has to be
-//! better by [`ERRORS`] standard errors of the difference over them.
+//! Each incidence (tables with many: each band of 10°) of the rows that the fit may see is left out in turn,
+//! and the optimum of all rows is optimised again without it. What counts is |ln f̂ − ln f| of f cosθ_o above
+//! 1e-3 sr⁻¹, up to [`CAP`]: how far a model is off where it extrapolates says nothing. Rows of one incidence
+//! err alike, so that it is incidences that count as independent: a larger model has to be better by
+//! [`ERRORS`] standard errors of the difference over them.
 
 use super::super::evaluate::LOG_FLOOR;
 use super::super::lm::Optimiser;
@@ -48,7 +49,8 @@ pub(super) fn folds(theta_deg: &[f64]) -> Vec<usize> {
     places_of_rows.iter().map(|place| known.partition_point(|other| other < place)).collect()
 }
 
-/// Sums over every fold's rows of the squared errors with which `model`, optimised again without the fold, predicts them; over the number of rows of all.
+/// Sums over every fold's rows of the squared errors with which `model`, optimised again without the fold,
+/// predicts them; over the number of rows of all.
 pub(super) fn left_out(samples: &Samples, folds: &[usize], target: &Target, model: &Model) -> Vec<f64> {
     let of_fold = |fold: usize| {
         let mut without = target.clone();
@@ -68,9 +70,9 @@ pub(super) fn left_out(samples: &Samples, folds: &[usize], target: &Target, mode
     (0..folds.iter().max().map_or(0, |last| last + 1)).map(of_fold).collect()
 }
 
-/// The place of the fit to choose among fits of one wavelength: the best number of lobes with a microfacet term, unless lobes alone
-/// are good to [`ENOUGH`] or better beyond doubt. A highlight that a table meets in one row says next to nothing about which
-/// predicts it; the microfacet term has the physics of it.
+/// The place of the fit to choose among fits of one wavelength: the best number of lobes with a microfacet
+/// term, unless lobes alone are good to [`ENOUGH`] or better beyond doubt. A highlight that a table meets in
+/// one row says next to nothing about which predicts it; the microfacet term has the physics of it.
 pub(super) fn chosen(fits: &[&WavelengthFit]) -> usize {
     let best = |coated: bool| {
         let mut places: Vec<usize> =

@@ -1,5 +1,5 @@
-//! Judges the choice of a table's model: each pair of incidences is held out in turn, and what was chosen without them predicts them beside every
-//! fixed size.
+//! Judges the choice of a table's model: each pair of incidences is held out in turn, and what was chosen
+//! without them predicts them beside every fixed size.
 
 use super::{Size, TableOptions, Take, fit};
 use lobelia_base::error::{Error, Result};
@@ -45,7 +45,8 @@ pub fn each_pair(
     let incidences = incidences_deg(table);
     if !(4..=MOST_INCIDENCES).contains(&incidences.len()) {
         return Err(Error::input(format!(
-            "each pair of incidences can be held out of a table with 4 to {MOST_INCIDENCES} of them; this one has {}",
+            "each pair of incidences can be held out of a table with 4 to {MOST_INCIDENCES} of them; this \
+             one has {}",
             incidences.len()
         )));
     }

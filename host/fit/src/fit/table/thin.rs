@@ -1,4 +1,5 @@
-//! Rows to search with where a table has many: all of the brightest, where highlights are, and an even share of the others, weighted to stand for all.
+//! Rows to search with where a table has many: all of the brightest, where highlights are, and an even share
+//! of the others, weighted to stand for all.
 
 use super::super::samples::Samples;
 

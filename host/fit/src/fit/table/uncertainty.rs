@@ -1,8 +1,8 @@
-//! Standard deviations of a table's coefficients from the information matrix at the solution: σ² (JᵀJ)⁻¹ with σ² from the fit's own cost, carried
-//! to first order to the coefficients as they are written.
+//! Standard deviations of a table's coefficients from the information matrix at the solution: σ² (JᵀJ)⁻¹ with
+//! σ² from the fit's own cost, carried to first order to the coefficients as they are written.
 //!
-//! It holds for errors that are independent from row to row. What a model cannot describe is not: then it says how well the rows determine the
-//! coefficients, not how near they are to a truth.
+//! It holds for errors that are independent from row to row. What a model cannot describe is not: then it
+//! says how well the rows determine the coefficients, not how near they are to a truth.
 
 use super::super::linear;
 use super::super::lm::Optimiser;

@@ -9,12 +9,12 @@ pub(super) const MODULES: usize = 8;
 /// Data modules across.
 const DATA: usize = 6;
 
-/// Two tags of the family, in any rotation, differ in at least 11 modules: up to this many errors are put right. With 48
-/// codes in four rotations a random pattern passes for a tag once in 500,000.
+/// Two tags of the family, in any rotation, differ in at least 11 modules: up to this many errors are put
+/// right. With 48 codes in four rotations a random pattern passes for a tag once in 500,000.
 const MAX_ERRORS: u32 = 2;
 
-/// One bit a data module, 1 for white: bit 35 is the upright tag's top left module, then row by row, each from left to
-/// right.
+/// One bit a data module, 1 for white: bit 35 is the upright tag's top left module, then row by row, each
+/// from left to right.
 #[rustfmt::skip]
 const CODES: [u64; 48] = [
     0xd5d628584, 0xd97f18b49, 0xdd280910e, 0xe479e9c98, 0xebcbca822, 0xf31dab3ac,

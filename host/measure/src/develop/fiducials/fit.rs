@@ -1,9 +1,9 @@
 //! The corners of a known tag to a small part of a pixel: the whole printed pattern is fitted to the pixels.
 //!
-//! Fifteen unknowns (four corners, a plane each for the levels of black and of white, which follow the light's falloff,
-//! and the blur) by damped least squares, then again with residuals that stand out held down (Huber). All edges of the
-//! pattern bear on the corners, not the outline only, and nothing needs a module to be wider than the blur, so that
-//! small and foreshortened tags have no bias.
+//! Fifteen unknowns (four corners, a plane each for the levels of black and of white, which follow the
+//! light's falloff, and the blur) by damped least squares, then again with residuals that stand out held down
+//! (Huber). All edges of the pattern bear on the corners, not the outline only, and nothing needs a module to
+//! be wider than the blur, so that small and foreshortened tags have no bias.
 
 use glam::DVec2;
 
@@ -34,8 +34,8 @@ const LEAST_EXPLAINED: f64 = 0.75;
 /// The least contrast, (white − black) / white.
 const LEAST_CONTRAST: f64 = 0.2;
 
-/// The most that a corner may move from where it was detected or predicted, in pixels. (The acute corners of a tag that
-/// is foreshortened along its diagonal are detected to 3 pixels only.)
+/// The most that a corner may move from where it was detected or predicted, in pixels. (The acute corners of
+/// a tag that is foreshortened along its diagonal are detected to 3 pixels only.)
 const FARTHEST: f64 = 4.5;
 
 /// A fit is done when no corner moves farther than this, in pixels.

@@ -39,8 +39,8 @@ impl TagMap {
         (along(self.inverse.x_axis), along(self.inverse.y_axis))
     }
 
-    /// How fast the pixel that shows a point of the tag's plane moves when each corner moves: two columns a corner, for
-    /// its x and its y. The difference quotient is taken once a map, not once a point.
+    /// How fast the pixel that shows a point of the tag's plane moves when each corner moves: two columns a
+    /// corner, for its x and its y. The difference quotient is taken once a map, not once a point.
     pub(super) fn sensitivity(corners: &[DVec2; 4]) -> Option<Sensitivity> {
         const STEP: f64 = 1e-4;
         let at = Self::to_quad(corners)?.matrix;
@@ -71,8 +71,8 @@ impl Sensitivity {
     }
 }
 
-/// Whether four corners form a convex quadrilateral that turns from x to y (clockwise as seen, y being down), with
-/// every side at least `side` pixels long.
+/// Whether four corners form a convex quadrilateral that turns from x to y (clockwise as seen, y being down),
+/// with every side at least `side` pixels long.
 pub(super) fn is_convex(corners: &[DVec2; 4], side: f64) -> bool {
     (0..4).all(|i| {
         let (a, b, c) = (corners[i], corners[(i + 1) % 4], corners[(i + 2) % 4]);
@@ -85,7 +85,8 @@ pub(super) fn area(corners: &[DVec2; 4]) -> f64 {
     0.5 * (corners[2] - corners[0]).perp_dot(corners[3] - corners[1]).abs()
 }
 
-/// The distance of the nearest corners of the tag's modules to one another: the least width of a module in pixels.
+/// The distance of the nearest corners of the tag's modules to one another: the least width of a module in
+/// pixels.
 pub(super) fn module_width(corners: &[DVec2; 4]) -> f64 {
     let longest = (0..4).map(|i| corners[i].distance(corners[(i + 1) % 4])).fold(0.0, f64::max);
     area(corners) / longest.max(1e-9) / super::family::MODULES as f64

@@ -1,12 +1,14 @@
-//! AprilTags of the family tag36h11 in photographs of a carrier, for registration (section 3.6 of the source).
+//! AprilTags of the family tag36h11 in photographs of a carrier, for registration (section 3.6 of the
+//! source).
 //!
-//! [`detect`] finds tags whose place is not known, [`refine`] puts their corners right to a few hundredths of a pixel, and
-//! [`refine_predicted`] adds those that were missed once the others tell where they must be.
+//! [`detect`] finds tags whose place is not known, [`refine`] puts their corners right to a few hundredths of
+//! a pixel, and [`refine_predicted`] adds those that were missed once the others tell where they must be.
 //!
 //! # Why not a crate
 //!
-//! Measured on two cores of an AMD EPYC that others used too, with the photographs of tag36h11 in the AprilTag project's
-//! tests (three of 799 × 533, tags of 12 to 47 pixels on the faces of cubes; its corner files list 47):
+//! Measured on two cores of an AMD EPYC that others used too, with the photographs of tag36h11 in the
+//! AprilTag project's tests (three of 799 × 533, tags of 12 to 47 pixels on the faces of cubes; its corner
+//! files list 47):
 //!
 //! | | found of 47 | all found | ms a photograph | corners | cold build |
 //! |---|---|---|---|---|---|
@@ -15,17 +17,20 @@
 //! | kornia-apriltag 0.2, as it comes (half size) | 22 | 24 | 4 | outline only | |
 //! | this module | 44 | 65 | 8 to 10 | whole pattern | 2 s, none |
 //!
-//! - aprilgrid looks for the saddle points between the corner squares of a Kalibr board; a lone tag has none. It needs
-//!   `image` with all its codecs (an AV1 encoder among them) and faer, neither of which a feature leaves out.
-//! - kornia-apriltag takes 8-bit pictures, so a photograph with a highlight has to be cut down first, and brings faer,
-//!   nalgebra and kiddo for poses that are not used here. Those corners follow the outline alone.
+//! - aprilgrid looks for the saddle points between the corner squares of a Kalibr board; a lone tag has none.
+//!   It needs `image` with all its codecs (an AV1 encoder among them) and faer, neither of which a feature
+//!   leaves out.
+//! - kornia-apriltag takes 8-bit pictures, so a photograph with a highlight has to be cut down first, and
+//!   brings faer, nalgebra and kiddo for poses that are not used here. Those corners follow the outline
+//!   alone.
 //! - apriltag wraps the C library and builds it with CMake.
 //!
-//! The photographs' reference corners are good to about half a pixel and agree with ours to 0.57 (RMS). Against a truth
-//! (`tests`, RMS distance of refined corners in pixels): 0.013 or better for tags of 25 to 50 pixels that face the camera;
-//! 0.07 or better for tags of 30 to 50 pixels turned away by 60° and 65° with 2 % noise; 0.03 for tags of 12 to 18 pixels
-//! with 1 % noise; 0.16 for tags of 14 pixels turned away by 65°, by [`refine_predicted`]. Detection in 800 × 600
-//! pixels of nothing but noise takes 20 ms; refinement takes 1 to 4 ms a tag.
+//! The photographs' reference corners are good to about half a pixel and agree with ours to 0.57 (RMS).
+//! Against a truth (`tests`, RMS distance of refined corners in pixels): 0.013 or better for tags of 25 to 50
+//! pixels that face the camera; 0.07 or better for tags of 30 to 50 pixels turned away by 60° and 65° with 2
+//! % noise; 0.03 for tags of 12 to 18 pixels with 1 % noise; 0.16 for tags of 14 pixels turned away by 65°,
+//! by [`refine_predicted`]. Detection in 800 × 600 pixels of nothing but noise takes 20 ms; refinement takes
+//! 1 to 4 ms a tag.
 
 mod family;
 mod fit;
@@ -44,8 +49,8 @@ use glam::DVec2;
 pub struct Detection {
     /// Its number in the family tag36h11.
     pub id: u32,
-    /// The corners of the black border's outer edge in pixels, integers being pixel centres: top left, top right, bottom
-    /// right and bottom left of the upright tag.
+    /// The corners of the black border's outer edge in pixels, integers being pixel centres: top left, top
+    /// right, bottom right and bottom left of the upright tag.
     pub corners: [DVec2; 4],
 }
 
@@ -101,8 +106,8 @@ impl GrayImage {
     }
 }
 
-/// The tags of a photograph, corners to about half a pixel: see [`refine`]. Tags narrower than about 1.2 pixels a module
-/// are not found; [`refine_predicted`] gets those whose place is known.
+/// The tags of a photograph, corners to about half a pixel: see [`refine`]. Tags narrower than about 1.2
+/// pixels a module are not found; [`refine_predicted`] gets those whose place is known.
 ///
 /// # Panics
 ///
@@ -121,16 +126,17 @@ pub fn detect(image: &GrayImage) -> Vec<Detection> {
     tags
 }
 
-/// Moves the corners of a detected tag to where the printed pattern fits the photograph best. Nothing, and the
-/// detection is left alone, when the fit is poor: covered by a highlight, cut by the picture's edge, not that tag.
+/// Moves the corners of a detected tag to where the printed pattern fits the photograph best. Nothing, and
+/// the detection is left alone, when the fit is poor: covered by a highlight, cut by the picture's edge, not
+/// that tag.
 pub fn refine(image: &GrayImage, detection: &mut Detection) -> Option<Fit> {
     let (found, quality) = fit::from_detected(image, detection)?;
     *detection = found;
     Some(quality)
 }
 
-/// The tag of a known number near predicted corners, right to about three pixels; nothing when contrast or fit is poor.
-/// It need not be one that [`detect`] finds.
+/// The tag of a known number near predicted corners, right to about three pixels; nothing when contrast or
+/// fit is poor. It need not be one that [`detect`] finds.
 pub fn refine_predicted(image: &GrayImage, id: u32, predicted: &[DVec2; 4]) -> Option<Detection> {
     fit::from_predicted(image, id, predicted).map(|found| found.0)
 }

@@ -1,8 +1,8 @@
 //! A printed tag as a blurred camera sees it, with the derivatives that a fit needs.
 //!
-//! The blur of lens and pixel is a Gaussian. In tag coordinates it is taken as a product of one along u and one along v,
-//! with the standard deviations that each has across edges of constant u and of constant v: exact along the edges, and
-//! off only within a blur's width of the modules' corners when the tag is sheared.
+//! The blur of lens and pixel is a Gaussian. In tag coordinates it is taken as a product of one along u and
+//! one along v, with the standard deviations that each has across edges of constant u and of constant v:
+//! exact along the edges, and off only within a blur's width of the modules' corners when the tag is sheared.
 
 use std::f64::consts::{FRAC_1_SQRT_2, TAU};
 
@@ -40,8 +40,8 @@ impl Pattern {
         self.modules[row][column]
     }
 
-    /// The pattern at a point of the tag's plane (0..1 across the black border's outer edge), blurred with these
-    /// variances in the same coordinates.
+    /// The pattern at a point of the tag's plane (0..1 across the black border's outer edge), blurred with
+    /// these variances in the same coordinates.
     pub(super) fn tone(&self, tag: DVec2, variance: DVec2) -> Tone {
         let (across, down) = (Blend::new(tag.x, variance.x), Blend::new(tag.y, variance.y));
         let mut tone = Tone::default();

@@ -1,8 +1,8 @@
 //! Dark quadrilaterals in a picture: where the tags may be.
 //!
-//! A local threshold between the darkest and the brightest of the neighbourhood makes dark regions; the convex hull of
-//! each is cut down to the four sides that enclose it with the least area (a tag's black border is convex whatever its
-//! data modules are); what fills its four sides badly is dropped.
+//! A local threshold between the darkest and the brightest of the neighbourhood makes dark regions; the
+//! convex hull of each is cut down to the four sides that enclose it with the least area (a tag's black
+//! border is convex whatever its data modules are); what fills its four sides badly is dropped.
 
 use glam::DVec2;
 
@@ -21,15 +21,17 @@ const LEAST_SIDE: f64 = 5.0;
 /// The part of a quadrilateral that the hull of its dark region covers.
 const LEAST_FILL: f64 = 0.8;
 
-/// How far a tag's edge lies beyond the outermost pixel centres inside it, in pixels, on average over directions.
+/// How far a tag's edge lies beyond the outermost pixel centres inside it, in pixels, on average over
+/// directions.
 const OUTSET: f64 = 0.35;
 
-/// Where the threshold lies between the square roots of the neighbourhood's extremes. A low one keeps the thin quiet
-/// zone of a small tag open; the middle keeps the border of a tag in bad light together. Of the photographs' 47 tags
-/// 0.25, 0.35, 0.5 and 0.6 alone find 40, 39, 35 and 15; these two together 44.
+/// Where the threshold lies between the square roots of the neighbourhood's extremes. A low one keeps the
+/// thin quiet zone of a small tag open; the middle keeps the border of a tag in bad light together. Of the
+/// photographs' 47 tags 0.25, 0.35, 0.5 and 0.6 alone find 40, 39, 35 and 15; these two together 44.
 const SPLITS: [f32; 2] = [0.3, 0.5];
 
-/// The dark quadrilaterals of a picture: corners clockwise as seen, from any corner. One may come up more than once.
+/// The dark quadrilaterals of a picture: corners clockwise as seen, from any corner. One may come up more
+/// than once.
 pub(super) fn find(image: &GrayImage) -> Vec<[DVec2; 4]> {
     let tiles = Tiles::of(image).spread();
     let mut quads = Vec::new();
@@ -54,8 +56,8 @@ struct Binary {
 }
 
 impl Binary {
-    /// Thresholds square roots between the neighbourhood's extremes: the root keeps a highlight from hiding what is
-    /// beside it.
+    /// Thresholds square roots between the neighbourhood's extremes: the root keeps a highlight from hiding
+    /// what is beside it.
     fn threshold(image: &GrayImage, tiles: &Tiles, split: f32) -> Self {
         let (width, height) = (image.width, image.height);
         let is_dark = (0..width * height)
@@ -137,7 +139,8 @@ fn quad_of(region: &[(usize, usize)]) -> Option<[DVec2; 4]> {
     (filled && is_convex(&quad, LEAST_SIDE)).then_some(quad)
 }
 
-/// The convex hull of a region's pixel centres, turning from x to y (Andrew's monotone chain on each row's ends).
+/// The convex hull of a region's pixel centres, turning from x to y (Andrew's monotone chain on each row's
+/// ends).
 fn hull_of(region: &[(usize, usize)]) -> Vec<DVec2> {
     let top = region.iter().map(|p| p.1).min().unwrap_or(0);
     let bottom = region.iter().map(|p| p.1).max().unwrap_or(0);
@@ -172,8 +175,8 @@ fn chain(points: impl Iterator<Item = DVec2>) -> Vec<DVec2> {
     chain
 }
 
-/// Cuts a convex polygon down to four sides: again and again the side whose removal, its neighbours being drawn out to
-/// meet, adds the least area.
+/// Cuts a convex polygon down to four sides: again and again the side whose removal, its neighbours being
+/// drawn out to meet, adds the least area.
 fn enclose(mut polygon: Vec<DVec2>) -> Option<[DVec2; 4]> {
     while polygon.len() > 4 {
         let removable = (0..polygon.len()).filter_map(|i| without_side(&polygon, i).map(|found| (i, found)));

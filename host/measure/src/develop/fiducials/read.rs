@@ -13,8 +13,8 @@ const GRID: usize = MODULES + 2;
 /// How much of a module's neighbours is taken out of its sample, which undoes part of a small tag's blur.
 const SHARPENING: f64 = 0.25;
 
-/// Border and quiet modules that must be darker or brighter than the threshold, of 28 and 36. A highlight or an
-/// object over an edge may spoil some.
+/// Border and quiet modules that must be darker or brighter than the threshold, of 28 and 36. A highlight or
+/// an object over an edge may spoil some.
 const LEAST_BORDER: usize = 25;
 const LEAST_QUIET: usize = 28;
 

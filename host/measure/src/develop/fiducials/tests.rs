@@ -90,7 +90,8 @@ impl Sheet {
 
     /// The photograph under a light that falls off by a third from left to right.
     fn photograph(&self) -> GrayImage {
-        // As many samples a pixel as an edge along its rows needs; three across show whether there is an edge.
+        // As many samples a pixel as an edge along its rows needs; three across show whether there is an
+        // edge.
         let average = |x: usize, y: usize, count: usize, reach: f64| {
             let offset = |k: usize| reach * ((k as f64 + 0.5) / count as f64 - 0.5);
             let point = |k: usize| DVec2::new(x as f64 + offset(k % count), y as f64 + offset(k / count));
@@ -181,7 +182,8 @@ fn run(sheet: &Sheet) -> (f64, f64, usize, usize) {
     }
     let after = corner_error(&pairs);
     println!(
-        "side {} px, tilt {}°, roll {}°, noise {}: {missed} of {} missed, {before:.3} px, refined {after:.4} px",
+        "side {} px, tilt {}°, roll {}°, noise {}: {missed} of {} missed, {before:.3} px, refined {after:.4} \
+         px",
         sheet.side,
         sheet.tilt_deg,
         sheet.roll_deg,
@@ -283,8 +285,8 @@ fn a_prediction_of_what_is_not_there_is_refused() {
     assert_eq!(refine_predicted(&image, 0, &nowhere), None);
 }
 
-/// 280 coordinates: the ratio of their scatter to the one that the fit expects has a standard deviation of 4 %. The
-/// noise is high enough that the model's own error does not count.
+/// 280 coordinates: the ratio of their scatter to the one that the fit expects has a standard deviation of 4
+/// %. The noise is high enough that the model's own error does not count.
 #[test]
 fn the_uncertainty_that_a_fit_expects_is_its_error() {
     let sheet =

@@ -143,7 +143,8 @@ fn interrupt_stops_the_rig_with_positions_known() {
     assert!(status.positions[3] < 100_000);
 }
 
-/// Ctrl-C was pressed, and a frame is lost somewhere on the way to rest: of the stop, of a status, of the lamp.
+/// Ctrl-C was pressed, and a frame is lost somewhere on the way to rest: of the stop, of a status, of the
+/// lamp.
 #[test]
 fn interrupted_host_puts_the_lamp_out_whichever_frame_is_lost() {
     for after in (0..120).step_by(12) {
@@ -200,7 +201,8 @@ fn waiting_and_moving_for_longer_than_the_lease_keep_it() {
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(24))]
 
-    /// On a line that loses, changes and doubles bytes, every move that is reported done was made exactly once.
+    /// On a line that loses, changes and doubles bytes, every move that is reported done was made exactly
+    /// once.
     #[test]
     fn bad_line_never_causes_a_wrong_or_doubled_move(
         seed in any::<u64>(), targets in proptest::collection::vec(-3000..3000i32, 1..6),

@@ -39,10 +39,11 @@ pub struct Axis {
     pub min_deg: f64,
     /// Upper soft limit.
     pub max_deg: f64,
-    /// Angle of the home switch's edge, below the lower limit, or above the upper one with `homing.end = "upper"`.
+    /// Angle of the home switch's edge, below the lower limit, or above the upper one with `homing.end =
+    /// "upper"`.
     pub home_deg: f64,
-    /// How far the axis can go with its home switch closed, from the edge to the hard stop. A switch that stays closed over this is
-    /// stuck, or its wire is broken.
+    /// How far the axis can go with its home switch closed, from the edge to the hard stop. A switch that
+    /// stays closed over this is stuck, or its wire is broken.
     #[serde(default = "default_switch")]
     pub home_switch_deg: f64,
     /// Axes with a lower number are homed before those with a higher one; those with the same together.
@@ -52,15 +53,16 @@ pub struct Axis {
     pub max_speed_deg_s: f64,
     /// Highest acceleration.
     pub acceleration_deg_s2: f64,
-    /// Highest change of acceleration, °/s³. Ten times the acceleration, as for the default axes, reaches it in 0.1 s;
-    /// a file that leaves it out gets 400.
+    /// Highest change of acceleration, °/s³. Ten times the acceleration, as for the default axes, reaches it
+    /// in 0.1 s; a file that leaves it out gets 400.
     #[serde(default = "default_jerk")]
     pub jerk_deg_s3: f64,
-    /// Whether the axis can turn round and round, so that moves go the shorter way. A turn has to be a whole number of steps.
+    /// Whether the axis can turn round and round, so that moves go the shorter way. A turn has to be a whole
+    /// number of steps.
     #[serde(default)]
     pub full_turn: bool,
-    /// How many whole turns an axis that turns round and round may be wound up beyond its limits, either way, counted from where it was
-    /// switched on: what its cables bear. Homing may wind it up by one more.
+    /// How many whole turns an axis that turns round and round may be wound up beyond its limits, either way,
+    /// counted from where it was switched on: what its cables bear. Homing may wind it up by one more.
     #[serde(default = "default_turns")]
     pub most_turns: u8,
     /// Overshoot that takes up the backlash, so that every position is approached from below.
@@ -69,11 +71,12 @@ pub struct Axis {
     pub settle_s: f64,
     /// Largest angular error of a position (table 3.1); the weight of the motors against the fiducials.
     pub repeatability_deg: f64,
-    /// Those of its pins that are wired the other way round than the controller's table of pins says: `step`, `direction`, `enable`, `home`
-    /// (its limit switch too), `alarm`.
+    /// Those of its pins that are wired the other way round than the controller's table of pins says: `step`,
+    /// `direction`, `enable`, `home` (its limit switch too), `alarm`.
     #[serde(default)]
     pub invert: Vec<Pin>,
-    /// What its alarm input, from the motor's driver, means: see [`Self::alarm`] for a file that leaves it out.
+    /// What its alarm input, from the motor's driver, means: see [`Self::alarm`] for a file that leaves it
+    /// out.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub alarm: Option<Alarm>,
     /// The alarm counts once it has lasted for so long, µs; 0 takes the shortest pulse.
@@ -82,7 +85,8 @@ pub struct Axis {
     /// How the axis is homed, where that is otherwise than usual.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub homing: Option<Homing>,
-    /// The axis's TMC2209, where the controller sets it up over its wire; its address is the axis's number from 0.
+    /// The axis's TMC2209, where the controller sets it up over its wire; its address is the axis's number
+    /// from 0.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub driver: Option<Driver>,
 }
@@ -183,11 +187,13 @@ impl Default for Axes {
     }
 }
 
-/// Share of the way from the home switch's edge to the hard stop in which an axis that looks for its switch must come to rest.
+/// Share of the way from the home switch's edge to the hard stop in which an axis that looks for its switch
+/// must come to rest.
 const STOPPING_SHARE: f64 = 0.8;
 
 impl Axis {
-    /// How far the axis goes from a speed, °/s, till it rests, once its home switch has closed: the jerk is limited at both ends.
+    /// How far the axis goes from a speed, °/s, till it rests, once its home switch has closed: the jerk is
+    /// limited at both ends.
     pub(super) fn stopping_deg(&self, speed: f64) -> f64 {
         let (acceleration, jerk) = (self.acceleration_deg_s2, self.jerk_deg_s3);
         let braking_s = if speed * jerk < acceleration * acceleration {
@@ -199,7 +205,8 @@ impl Axis {
         speed * (0.5 * braking_s + debounce_s)
     }
 
-    /// The highest speed, °/s, from which the axis stops well before the hard stop when it finds its home switch closed.
+    /// The highest speed, °/s, from which the axis stops well before the hard stop when it finds its home
+    /// switch closed.
     pub(super) fn stopping_speed_deg_s(&self) -> f64 {
         let room = STOPPING_SHARE * self.home_switch_deg;
         let (mut low, mut high) = (0.0, self.max_speed_deg_s);

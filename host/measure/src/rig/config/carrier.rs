@@ -16,8 +16,9 @@ pub struct Carrier {
     pub tag_size_mm: f64,
     /// The printed tags (family 36h11), upright in the sample's frame.
     pub tags: Vec<Tag>,
-    /// Radius of the cylinder that the sample is bent over, its axis along y and its two side edges on the carrier; without
-    /// it the sample lies flat. Such a run cannot be developed: `compare` sets a map of the flat sample against it.
+    /// Radius of the cylinder that the sample is bent over, its axis along y and its two side edges on the
+    /// carrier; without it the sample lies flat. Such a run cannot be developed: `compare` sets a map of the
+    /// flat sample against it.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub cylinder_radius_mm: Option<f64>,
 }

@@ -1,5 +1,5 @@
-//! What the types of `rig.toml` cannot say: numbers that are finite and in range, limits in order, tags that are known and
-//! lie beside the sample.
+//! What the types of `rig.toml` cannot say: numbers that are finite and in range, limits in order, tags that
+//! are known and lie beside the sample.
 
 use std::ops::RangeInclusive;
 
@@ -30,7 +30,8 @@ impl RigConfig {
         self.can_be_driven()
     }
 
-    /// Checks what developing the photographs of a run needs: they were taken, whatever else this host would ask of the rig.
+    /// Checks what developing the photographs of a run needs: they were taken, whatever else this host would
+    /// ask of the rig.
     ///
     /// # Errors
     /// As [`Self::validate`].
@@ -51,7 +52,8 @@ impl RigConfig {
         for (key, lease) in [("lamp.lease_s", self.lamp.lease_s), ("motion.lease_s", self.motion.lease_s)] {
             if lease != 0.0 && lease < LEAST_LEASE_S {
                 let why = format!(
-                    "is {lease}, must be 0 for never or at least {LEAST_LEASE_S}: the host is heard every half second"
+                    "is {lease}, must be 0 for never or at least {LEAST_LEASE_S}: the host is heard every \
+                     half second"
                 );
                 return Err(refused(key, &why));
             }
@@ -256,7 +258,8 @@ fn check_search(axis: &Axis) -> std::result::Result<(), (&'static str, String)> 
     let fits = axis.stopping_speed_deg_s();
     let too_fast = |speed: f64| {
         format!(
-            "is {speed}, from which the axis needs {:.2}° to stop, too much of home_switch_deg, {}; at most {fits:.2} fits",
+            "is {speed}, from which the axis needs {:.2}° to stop, too much of home_switch_deg, {}; at most \
+             {fits:.2} fits",
             axis.stopping_deg(speed),
             axis.home_switch_deg
         )
@@ -349,8 +352,8 @@ mod tests {
         }
     }
 
-    /// Each would end every run: the host is heard every half second, and an axis that needs 10° to stop hits its stop 8° behind the switch.
-    /// Photographs that were taken all the same are developed.
+    /// Each would end every run: the host is heard every half second, and an axis that needs 10° to stop hits
+    /// its stop 8° behind the switch. Photographs that were taken all the same are developed.
     #[test]
     fn a_rig_that_no_run_would_end_well_with_is_not_driven_but_a_run_of_it_is_read() {
         let refused = |change: fn(&mut RigConfig), why: &str| {

@@ -20,8 +20,8 @@ pub enum End {
 pub struct Homing {
     /// At which end the switch is.
     pub end: End,
-    /// Speed of the first search. Where it is left out a third of the highest, or less where the axis could not stop from that within
-    /// `home_switch_deg`.
+    /// Speed of the first search. Where it is left out a third of the highest, or less where the axis could
+    /// not stop from that within `home_switch_deg`.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub speed_deg_s: Option<f64>,
     /// Speed at which the edge is measured; a sixtieth of the highest where it is left out.
@@ -56,8 +56,8 @@ impl Homing {
         }
     }
 
-    /// The position of the switch's edge in steps: the first above it at the lower end, where it opens on the way up, and the first at or
-    /// above it at the upper end, where it closes.
+    /// The position of the switch's edge in steps: the first above it at the lower end, where it opens on the
+    /// way up, and the first at or above it at the upper end, where it closes.
     pub(super) fn edge(&self, home_steps: f64) -> f64 {
         match self.end {
             End::Lower => home_steps.floor() + 1.0,
@@ -98,7 +98,8 @@ mod tests {
     fn homing_is_optional_and_its_numbers_reach_the_controller() {
         let text = toml::to_string(&RigConfig::default()).unwrap();
         assert!(!text.contains("homing"));
-        let own = "[axes.tilt.homing]\nend = \"upper\"\nspeed_deg_s = 12.9\nback_off_deg = 2.58\ndebounce_ms = 10\n\n[axes.roll]";
+        let own = "[axes.tilt.homing]\nend = \"upper\"\nspeed_deg_s = 12.9\nback_off_deg = 2.58\ndebounce_ms \
+             = 10\n\n[axes.roll]";
         let mut config: RigConfig = toml::from_str(&text.replace("[axes.roll]", own)).unwrap();
         config.axes.tilt.home_deg = 94.5;
         config.validate().unwrap();
@@ -117,7 +118,8 @@ mod tests {
         assert!((f64::from(tilt.home_travel) * 0.0129 - 204.5).abs() < 0.02);
     }
 
-    /// By hand: from 20°/s at 20°/s² the way is v²/2a = 10° and more for the jerk, and the hard stop stands 8° behind the edge.
+    /// By hand: from 20°/s at 20°/s² the way is v²/2a = 10° and more for the jerk, and the hard stop stands
+    /// 8° behind the edge.
     #[test]
     fn an_axis_that_brakes_softly_looks_for_its_switch_so_slowly_that_it_stops_before_the_hard_stop() {
         let mut config = RigConfig::default();

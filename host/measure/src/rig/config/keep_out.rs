@@ -79,7 +79,8 @@ impl KeepOut {
         let [first, second] = [of(self.first), of(self.second)];
         if first.home_order == second.home_order {
             return Err(format!(
-                "of {names}: both have home_order {}; give the lower one to that which can be homed wherever the other stands",
+                "of {names}: both have home_order {}; give the lower one to that which can be homed wherever \
+                 the other stands",
                 first.home_order
             ));
         }
@@ -153,8 +154,8 @@ fn is_clear(configuration: &Configuration, from: [i32; AXES], to: [i32; AXES]) -
     !keep_outs.any(|k| enters(k.first, k.first_steps) && enters(k.second, k.second_steps))
 }
 
-/// The moves, three at most, that lead from one position to another and pass no keep-out: axes that are in each other's way move one after
-/// the other.
+/// The moves, three at most, that lead from one position to another and pass no keep-out: axes that are in
+/// each other's way move one after the other.
 ///
 /// # Errors
 /// When there is no such way; the sentence names the axes.
@@ -175,7 +176,8 @@ pub fn way(configuration: &Configuration, from: [i32; AXES], to: [i32; AXES]) ->
     let in_the_way = configuration.keep_outs.iter().flatten();
     let names: Vec<_> = in_the_way.map(|k| format!("{} and {}", k.first.name(), k.second.name())).collect();
     Err(Error::input(format!(
-        "there is no way from {from:?} to {to:?} steps on which {} keep out of each other's way; see [[keep_out]] in the rig's file",
+        "there is no way from {from:?} to {to:?} steps on which {} keep out of each other's way; see \
+         [[keep_out]] in the rig's file",
         names.join(", ")
     )))
 }

@@ -1,4 +1,5 @@
-//! How the rig is wired, where that is otherwise than the controller's table of pins says; and what an older file leaves unsaid.
+//! How the rig is wired, where that is otherwise than the controller's table of pins says; and what an older
+//! file leaves unsaid.
 
 use lobelia_protocol::{Alarm, Pin, Pins};
 use serde::{Deserialize, Serialize};
@@ -9,12 +10,14 @@ use super::{AXIS_NAMES, Axis, RigConfig};
 #[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Wiring {
-    /// Those that are inverted: `lamp`, `shutter` (the camera's trigger), `fan`, `over-temperature`, `camera-ready`.
+    /// Those that are inverted: `lamp`, `shutter` (the camera's trigger), `fan`, `over-temperature`,
+    /// `camera-ready`.
     pub invert: Vec<Pin>,
 }
 
 impl Axis {
-    /// What its alarm input means: what the file says, or else a stall where its driver is told to look for one.
+    /// What its alarm input means: what the file says, or else a stall where its driver is told to look for
+    /// one.
     pub fn alarm(&self) -> Alarm {
         let stalls = self.driver.as_ref().is_some_and(|driver| driver.stall_threshold > 0);
         self.alarm.unwrap_or(if stalls { Alarm::Edge } else { Alarm::None })
@@ -36,7 +39,8 @@ pub(super) fn stranger(invert: &[Pin], own: Pins) -> Result<(), String> {
 /// Tables whose keys concern safety: what a file leaves out of them is told.
 const TOLD: [&str; 3] = ["motion", "lamp", "wiring"];
 
-/// What a file of a whole rig, with its axes, leaves to the defaults, as the keys would stand there; nothing when it says all.
+/// What a file of a whole rig, with its axes, leaves to the defaults, as the keys would stand there; nothing
+/// when it says all.
 pub(super) fn unsaid(file: &toml::Table, rig: &RigConfig) -> Option<String> {
     let axes = file.get("axes")?.as_table()?;
     let mut rig = rig.clone();

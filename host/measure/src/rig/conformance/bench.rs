@@ -1,4 +1,5 @@
-//! What the checks do everything with: raw requests that can be repeated, left unanswered for a while, or bent.
+//! What the checks do everything with: raw requests that can be repeated, left unanswered for a while, or
+//! bent.
 
 use std::collections::HashSet;
 use std::fmt::Debug;

@@ -1,4 +1,5 @@
-//! The first hour with a board: what somebody has to do at it, one thing after the other, and whether the controller sees it.
+//! The first hour with a board: what somebody has to do at it, one thing after the other, and whether the
+//! controller sees it.
 
 use std::fmt;
 use std::ops::RangeInclusive;
@@ -53,13 +54,15 @@ pub enum Act {
     UnplugCutOut,
     /// Plugs it in again.
     PlugCutOut,
-    /// Holds the controller's reset, looks, and lets it go: whether the lamp was dark within the blink of an eye.
+    /// Holds the controller's reset, looks, and lets it go: whether the lamp was dark within the blink of an
+    /// eye.
     SeesDarkInReset,
     /// Switches the motors' supply on, a hand on the stop.
     MotorsOn,
     /// Looks whether an axis went to its switch, off it, and slowly back.
     SeesHoming(Axis),
-    /// Looks with a scope whether step pulses and the direction's set-up are as long as the rig's file asks for.
+    /// Looks with a scope whether step pulses and the direction's set-up are as long as the rig's file asks
+    /// for.
     SeesPulses,
 }
 
@@ -81,7 +84,8 @@ impl fmt::Display for Act {
             Self::LowerAlarm(axis) => {
                 write!(
                     f,
-                    "Take the bridge from the alarm input of {}; give it its quiet level, if its driver does not.",
+                    "Take the bridge from the alarm input of {}; give it its quiet level, if its driver does \
+                     not.",
                     axis.name()
                 )
             }
@@ -94,7 +98,8 @@ impl fmt::Display for Act {
             Self::SeesDarkInReset => {
                 write!(
                     f,
-                    "Hold the controller's reset, and let it go again. Was the bulb dark at once, and stayed so?"
+                    "Hold the controller's reset, and let it go again. Was the bulb dark at once, and stayed \
+                     so?"
                 )
             }
             Self::SmallBulb => write!(f, "Put a bulb of 20 W in the lamp's place and close its circuit."),
@@ -108,8 +113,8 @@ impl fmt::Display for Act {
             }
             Self::SeesPulses => write!(
                 f,
-                "On a scope: are step pulses of each driver at least pulse_us long, high and low, and does direction change \
-                 direction_setup_us before the first step?"
+                "On a scope: are step pulses of each driver at least pulse_us long, high and low, and does \
+                 direction change direction_setup_us before the first step?"
             ),
         }
     }
@@ -124,8 +129,8 @@ pub trait Operator {
     fn act(&mut self, act: Act) -> Result<bool>;
 }
 
-/// Walks through the first hour: supply, stop, switches, alarms, all that puts the lamp out, and each axis's homing.
-/// Ends at the first thing that is wrong.
+/// Walks through the first hour: supply, stop, switches, alarms, all that puts the lamp out, and each axis's
+/// homing. Ends at the first thing that is wrong.
 ///
 /// # Errors
 /// What is wrong, and what to look at; a port that fails.
@@ -168,7 +173,8 @@ fn walk(bench: &mut Bench, operator: &mut dyn Operator) -> Checked<()> {
     bench.open()?;
     supply(bench)?;
     stop(bench, operator)?;
-    // Drivers that are set up over a wire do not answer without the motors' supply, and their alarms mean nothing.
+    // Drivers that are set up over a wire do not answer without the motors' supply, and their alarms mean
+    // nothing.
     let whole = bench.configuration;
     for axis in &mut bench.configuration.axes {
         (axis.driver, axis.alarm) = (None, Alarm::None);
@@ -265,7 +271,8 @@ fn lamp(bench: &mut Bench, operator: &mut dyn Operator) -> Checked<()> {
     must(
         operator,
         Act::SeesDarkInReset,
-        "the lamp burns on without the program: look at the monostable, and at the pull-down of the lamp's pin",
+        "the lamp burns on without the program: look at the monostable, and at the pull-down of the lamp's \
+         pin",
     )?;
     bench.open()?;
     bench.settle()?;

@@ -1,4 +1,5 @@
-//! Checks of what shows only after a while: moves once parameters were saved, changes of target at full speed, a long session.
+//! Checks of what shows only after a while: moves once parameters were saved, changes of target at full
+//! speed, a long session.
 
 use lobelia_protocol::{AXES, Answer, Axis, AxisParameters, Command, Outcome, Refusal};
 

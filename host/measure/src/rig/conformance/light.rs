@@ -64,7 +64,8 @@ fn dark(bench: &mut Bench) -> Result<()> {
         let end_us = exposure.start_us + u64::from(exposure.open_us);
         ensure((before_us..=after_us).contains(&exposure.start_us) && end_us <= after_us, || {
             format!(
-                "it is said to be from {} to {end_us} µs, but was asked for at {before_us} and answered before {after_us}",
+                "it is said to be from {} to {end_us} µs, but was asked for at {before_us} and answered \
+                 before {after_us}",
                 exposure.start_us
             )
         })?;

@@ -1,7 +1,8 @@
 //! Conformance: a scripted check of any controller against the protocol, for people who build their own.
 //!
-//! Each check states one thing that a host relies on. A check that fails says what came instead; the others go on, unless
-//! the link itself is lost. The axes move to their limits and the lamp is struck once (unless told not to).
+//! Each check states one thing that a host relies on. A check that fails says what came instead; the others
+//! go on, unless the link itself is lost. The axes move to their limits and the lamp is struck once (unless
+//! told not to).
 
 mod bench;
 pub mod bring_up;
@@ -50,8 +51,8 @@ pub fn count() -> usize {
     SCRIPT.iter().map(|checks| checks.len()).sum()
 }
 
-/// Runs all checks on a controller; tells each as it ends. At the end the axes rest and the lamp is off. With `strike_lamp` false
-/// the checks that switch the lamp on are left out.
+/// Runs all checks on a controller; tells each as it ends. At the end the axes rest and the lamp is off. With
+/// `strike_lamp` false the checks that switch the lamp on are left out.
 ///
 /// # Errors
 /// When the port fails, or no controller answers on it at all.
@@ -63,8 +64,8 @@ pub fn run(
 ) -> Result<Vec<Check>> {
     if configuration.keep_outs.iter().any(Option::is_some) {
         return Err(Error::input(
-            "the checks move all axes at once from limit to limit, through what [[keep_out]] in the rig's file forbids; \
-             take the arms off and give a file without it",
+            "the checks move all axes at once from limit to limit, through what [[keep_out]] in the rig's \
+             file forbids; take the arms off and give a file without it",
         ));
     }
     let mut bench = Bench::new(port, *configuration);

@@ -127,7 +127,8 @@ fn speed(bench: &mut Bench) -> Result<()> {
         let least_s = length / f64::from(bench.configuration.axes[k].max_speed) * (1.0 - FASTER);
         ensure(took_s >= least_s, || {
             format!(
-                "{} needs {least_s:.3} s for {length} steps, the move took {took_s:.3} s by the controller's clock",
+                "{} needs {least_s:.3} s for {length} steps, the move took {took_s:.3} s by the controller's \
+                 clock",
                 axis.name()
             )
         })?;

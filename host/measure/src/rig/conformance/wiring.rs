@@ -1,5 +1,5 @@
-//! Checks of inputs that are told to be wired the other way round, and of alarms. Only inputs: an output the wrong way round would burn
-//! or step.
+//! Checks of inputs that are told to be wired the other way round, and of alarms. Only inputs: an output the
+//! wrong way round would burn or step.
 
 use lobelia_protocol::{AXES, Alarm, Axis, Command, Event, Fault, Field, Outcome, Pin, Pins, Refusal};
 
@@ -62,7 +62,10 @@ fn one_alarm(bench: &mut Bench, axis: Axis) -> Result<()> {
             bench.wait("the fault of an alarm", |status| status.faults.contains(Fault::DriverAlarm))?;
             // Events come when no answer waits.
             bench.pause(20 * super::bench::LOOK)?;
-            let named = |event: &Event| matches!(event, Event::Fault(report) if report.fault == Fault::DriverAlarm && report.axis == Some(axis));
+            let named = |event: &Event| {
+                matches!(event, Event::Fault(report)
+                if report.fault == Fault::DriverAlarm && report.axis == Some(axis))
+            };
             ensure(bench.events.iter().any(named), || format!("no event names {}", axis.name()))?;
             same("known axes", &[false; AXES], &bench.status()?.known)?;
             let faults = [Fault::DriverAlarm].into_iter().collect();

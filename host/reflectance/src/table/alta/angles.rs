@@ -7,7 +7,8 @@ use glam::DVec3;
 use crate::table::half_angles;
 use crate::table::parse::ANGLE_SLACK;
 
-/// A parametrisation by its name in `#PARAM_IN`. Angles are in radians; l is the light, v the view, h the half vector, d the difference.
+/// A parametrisation by its name in `#PARAM_IN`. Angles are in radians; l is the light, v the view, h the
+/// half vector, d the difference.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum Angles {
     /// θ_l, θ_v cosΔφ, θ_v sinΔφ, with the light at azimuth 0.
@@ -54,7 +55,8 @@ pub(super) fn names() -> String {
 }
 
 impl Angles {
-    /// Unit vectors toward the light and toward the view for a row's input columns; none where one is below the surface.
+    /// Unit vectors toward the light and toward the view for a row's input columns; none where one is below
+    /// the surface.
     ///
     /// # Errors
     /// A sentence for an angle that no direction above the surface has.

@@ -1,6 +1,7 @@
-//! How finely an environment is prefiltered for an error E. It is relative, |Ŝ − S| / √(|S|² + ε²), S the light under a lobe, Ŝ what
-//! the maps give and ε a tenth of the mean of |S| over all directions (as in [`compare`](crate::render::compare)); and the root
-//! mean square over directions of which half are anywhere and half are about the brightest light.
+//! How finely an environment is prefiltered for an error E. It is relative, |Ŝ − S| / √(|S|² + ε²), S the
+//! light under a lobe, Ŝ what the maps give and ε a tenth of the mean of |S| over all directions (as in
+//! [`compare`](crate::render::compare)); and the root mean square over directions of which half are anywhere
+//! and half are about the brightest light.
 //!
 //! | step | its error | chosen |
 //! |---|---|---|
@@ -10,8 +11,9 @@
 //! | on the GPU: light gathered into points at spacing p | n p² / 24 (1 + 2 ln 1/c) for even light where the lobe is c of its peak | p² = [`GATHERED`] E / n, a quarter of [`EDGE`] for n < 2 |
 //! | on the GPU: lobes end at the part c of their peak | at most 20 (n + 1) c, by what ε is at least | E / 10 |
 //!
-//! Blending depends on the environment: a sun outshines a dim sky down to where its lobe is as dim, and there log S bends most
-//! between exponents. On the CPU the maps' own values are exact to far less than E (module [`spectrum`](super::spectrum)).
+//! Blending depends on the environment: a sun outshines a dim sky down to where its lobe is as dim, and there
+//! log S bends most between exponents. On the CPU the maps' own values are exact to far less than E (module
+//! [`spectrum`](super::spectrum)).
 
 use std::f32::consts::{PI, TAU};
 
@@ -74,8 +76,8 @@ impl Judge {
         }
     }
 
-    /// Directions to measure in: every other one anywhere, on a spiral; the others about the brightest light, as far as a lobe
-    /// of the exponent sees it. `turn` gives other directions of the same kind.
+    /// Directions to measure in: every other one anywhere, on a spiral; the others about the brightest light,
+    /// as far as a lobe of the exponent sees it. `turn` gives other directions of the same kind.
     pub(super) fn directions(&self, n: f32, count: usize, turn: f32) -> Vec<Vec3> {
         // At this angle a lobe is at 1e-7 of its peak.
         let reach = (2.0 * 16.0 / (n + 1.0)).sqrt().min(PI);

@@ -1,7 +1,7 @@
-//! What a microfacet term gathers of light from afar, tabulated by the exitant direction's cosine and the roughness √α: its albedo,
-//! split by Schlick's F into a part of f0 and a part of f90 (Karis 2013), and two cosine lobes, one for the peak and one for GGX's
-//! long tail, whose mixture is the likeliest of the reflected light's directions (expectation maximisation); light is looked up under
-//! them:
+//! What a microfacet term gathers of light from afar, tabulated by the exitant direction's cosine and the
+//! roughness √α: its albedo, split by Schlick's F into a part of f0 and a part of f90 (Karis 2013), and two
+//! cosine lobes, one for the peak and one for GGX's long tail, whose mixture is the likeliest of the
+//! reflected light's directions (expectation maximisation); light is looked up under them:
 //!
 //! L(ω_r) ≈ (f0 A + f90 B) Σ_k w_k (n_k + 1) / 2π S(ω_k, n_k)
 //!
@@ -131,7 +131,8 @@ impl Component {
     }
 }
 
-/// The likeliest mixture of two lobes with density (n + 1) / 2π (ω_p·ω)ⁿ for directions whose weights have the sum `whole`.
+/// The likeliest mixture of two lobes with density (n + 1) / 2π (ω_p·ω)ⁿ for directions whose weights have
+/// the sum `whole`.
 fn mixture(light: &[Weighted], whole: f64) -> [Component; 2] {
     let centroid: DVec3 = light.iter().map(|&(wi, weight)| wi * weight).sum();
     let start = |factor: f64| {

@@ -1,5 +1,6 @@
-//! Slices of a prefiltered environment on the GPU: the light's points summed under a lobe, a pixel an invocation. In f32 a sum of
-//! points is exact where the harmonics of [`spectrum`](super::spectrum) would drown a sky beside its sun.
+//! Slices of a prefiltered environment on the GPU: the light's points summed under a lobe, a pixel an
+//! invocation. In f32 a sum of points is exact where the harmonics of [`spectrum`](super::spectrum) would
+//! drown a sky beside its sun.
 
 use glam::{Vec3, Vec4};
 use wgpu::BufferUsages;

@@ -1,4 +1,5 @@
-//! Irradiance by spherical harmonics to the second degree: nine numbers a channel (Ramamoorthi and Hanrahan 2001).
+//! Irradiance by spherical harmonics to the second degree: nine numbers a channel (Ramamoorthi and
+//! Hanrahan 2001).
 
 use std::f32::consts::PI;
 

@@ -1,9 +1,10 @@
-//! What a lobe near the horizon gathers: the cosine and the horizon within the lobe, tabulated for even light.
+//! What a lobe near the horizon gathers: the cosine and the horizon within the lobe, tabulated for even
+//! light.
 //!
-//! (6.18) takes the cosine at the lobe's peak and lets light from below the surface in. Here the factor is the true
-//! H = ∫ (ω_p·ω)ⁿ (N·ω)₊ dω / ∫ (ω_p·ω)₊ⁿ dω, exact for even light, and the light is looked up under a lobe of the clipped
-//! one's centroid and width: ∫ (ω_p·ω)ⁿ (N·ω)₊ L dω ≈ H (n' + 1)/(n + 1) S(ω_p', n'). For a lobe about the normal n' = n + 1, and
-//! the approximation is exact.
+//! (6.18) takes the cosine at the lobe's peak and lets light from below the surface in. Here the factor is
+//! the true H = ∫ (ω_p·ω)ⁿ (N·ω)₊ dω / ∫ (ω_p·ω)₊ⁿ dω, exact for even light, and the light is looked up under
+//! a lobe of the clipped one's centroid and width: ∫ (ω_p·ω)ⁿ (N·ω)₊ L dω ≈ H (n' + 1)/(n + 1) S(ω_p', n').
+//! For a lobe about the normal n' = n + 1, and the approximation is exact.
 
 use std::f32::consts::{FRAC_PI_2, TAU};
 use std::sync::OnceLock;
@@ -35,8 +36,9 @@ impl Clipped {
     }
 }
 
-/// The exponent that maps reach so that lobes of `n` can be sharpened. Above 64 clipping changes little but near grazing view, where
-/// lobes keep the sharpest map's width instead: maps for twice the exponent would take twice the work.
+/// The exponent that maps reach so that lobes of `n` can be sharpened. Above 64 clipping changes little but
+/// near grazing view, where lobes keep the sharpest map's width instead: maps for twice the exponent would
+/// take twice the work.
 pub(crate) fn widest_clipped(n: f32) -> f32 {
     (2.0 * (n + 1.0)).min(64.0)
 }

@@ -1,10 +1,12 @@
-//! The `environment` renderer: light from afar by prefiltered maps (6.13)–(6.18), for any number of lobes a texel,
+//! The `environment` renderer: light from afar by prefiltered maps (6.13)–(6.18), for any number of lobes a
+//! texel,
 //!
 //! L(ω_r) ≈ ρ_d D(N) + Σ_j ρ_s,j |p_j|^n_j S(p_j / |p_j|, n_j) H,  p_j = C'_j ω_r
 //!
-//! with H the cosine at the lobe's peak (6.18), or corrected for the horizon (module `horizon`). No shadows and no interreflection
-//! of that light; microfacet terms by module `coats`. Lights are added as in `lights`. On the CPU a ray is cast a sample; on the GPU the raster of
-//! `lights` draws, with shaders/environment.wgsl for the light from afar.
+//! with H the cosine at the lobe's peak (6.18), or corrected for the horizon (module `horizon`). No shadows
+//! and no interreflection of that light; microfacet terms by module `coats`. Lights are added as in `lights`.
+//! On the CPU a ray is cast a sample; on the GPU the raster of `lights` draws, with shaders/environment.wgsl
+//! for the light from afar.
 
 mod accuracy;
 mod baking;
@@ -51,7 +53,8 @@ use spectrum::Spectrum;
 pub struct Settings {
     /// How exponents are encoded.
     pub encoding: Encoding,
-    /// Relative error of the prefiltered maps, RMS over directions: their resolution and number follow from it.
+    /// Relative error of the prefiltered maps, RMS over directions: their resolution and number follow from
+    /// it.
     pub map_error: f32,
     /// Whether the GPU computes the maps and draws.
     pub gpu: bool,
@@ -59,7 +62,8 @@ pub struct Settings {
     pub horizon: bool,
     /// Whether the diffuse term takes nine spherical harmonics instead of a map.
     pub harmonics: bool,
-    /// Samples a pixel, for edges and textures; powers of two are spread best. The GPU takes 4 at edges, or 1.
+    /// Samples a pixel, for edges and textures; powers of two are spread best. The GPU takes 4 at edges,
+    /// or 1.
     pub samples: u32,
     /// Seed of the CPU's samples.
     pub seed: u64,
@@ -116,6 +120,7 @@ impl Settings {
     /// Makes a scene ready, with maps that were baked or that are made now.
     fn made_ready(&self, scene: &Scene, baked: Option<&Baked>) -> Result<Box<dyn Player>> {
         scene.check()?;
+        scene.refuse_beyond_lobes("environment")?;
         self.check()?;
         let start = Instant::now();
         if self.gpu {
@@ -169,8 +174,9 @@ pub(super) fn variants(scene: &Scene, base: &Settings) -> Vec<Variant> {
     variants.map(of).into()
 }
 
-/// The mean radiance under lobes of some exponents, ∫ (ω_p·ω)ⁿ L dω / ∫ (ω_p·ω)ⁿ dω, for peaks at the centres of an equirectangular
-/// map's pixels; of `height` rows, or of as many as the error needs. A map is computed when it is asked for.
+/// The mean radiance under lobes of some exponents, ∫ (ω_p·ω)ⁿ L dω / ∫ (ω_p·ω)ⁿ dω, for peaks at the centres
+/// of an equirectangular map's pixels; of `height` rows, or of as many as the error needs. A map is computed
+/// when it is asked for.
 ///
 /// # Errors
 /// Input errors for an error out of range.
@@ -214,8 +220,8 @@ struct Light {
 }
 
 impl Light {
-    /// Takes the maps that were baked, or prefilters an environment for the lobes of some materials, on the GPU when there is one in
-    /// hardware; notes what the maps cost.
+    /// Takes the maps that were baked, or prefilters an environment for the lobes of some materials, on the
+    /// GPU when there is one in hardware; notes what the maps cost.
     ///
     /// # Errors
     /// Failures of the GPU, damage of what was baked.
@@ -251,7 +257,8 @@ impl Light {
         })
     }
 
-    /// Turns to a rotation: maps and harmonics stand in the image's own frame, and a turn about +y is one of lookups.
+    /// Turns to a rotation: maps and harmonics stand in the image's own frame, and a turn about +y is one of
+    /// lookups.
     fn turn(&mut self, rotation: f32) {
         self.maps.rotation = rotation;
         if let Some(harmonics) = &mut self.harmonics {

@@ -1,9 +1,9 @@
-//! Prefiltered environments (6.13)–(6.18): S(ω_p, n) = ∫ (ω_p·ω_i)ⁿ L_i dω_i over all peak directions for a few exponents,
-//! and D(N), which is S(N, 1). One set of maps serves all BRDFs.
+//! Prefiltered environments (6.13)–(6.18): S(ω_p, n) = ∫ (ω_p·ω_i)ⁿ L_i dω_i over all peak directions for a
+//! few exponents, and D(N), which is S(N, 1). One set of maps serves all BRDFs.
 //!
-//! Maps are equirectangular and hold the root S^(1/n): for a small light that is the cosine between it and the peak, which a
-//! bilinear lookup meets at every exponent. Between exponents log S is blended. Sizes of maps and the spacing of exponents
-//! follow from an error ([`accuracy`]).
+//! Maps are equirectangular and hold the root S^(1/n): for a small light that is the cosine between it and
+//! the peak, which a bilinear lookup meets at every exponent. Between exponents log S is blended. Sizes of
+//! maps and the spacing of exponents follow from an error ([`accuracy`]).
 
 use glam::{Vec2, Vec3, Vec4};
 use rayon::prelude::*;
@@ -26,8 +26,8 @@ const LEAST: f32 = 0.25;
 /// How the exponent is encoded. Of both three maps blend, exactly for a point of light and for even light.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum Encoding {
-    /// MIP levels: every level has a quarter of the exponent and half of the size. The published encoding: small, quick to
-    /// make, and as wrong between its levels as the environment makes it
+    /// MIP levels: every level has a quarter of the exponent and half of the size. The published encoding:
+    /// small, quick to make, and as wrong between its levels as the environment makes it
     Mips,
     /// Slices, each of the size that its exponent needs, spaced as the error asks for
     Slices,
@@ -42,8 +42,8 @@ impl Encoding {
         match self {
             Self::Mips => (
                 "mips",
-                "MIP levels: every level has a quarter of the exponent and half of the size. The published encoding: small, \
-                 quick to make, and as wrong between its levels as the environment makes it",
+                "MIP levels: every level has a quarter of the exponent and half of the size. The published \
+                 encoding: small, quick to make, and as wrong between its levels as the environment makes it",
             ),
             Self::Slices => {
                 ("slices", "Slices, each of the size that its exponent needs, spaced as the error asks for")
@@ -52,7 +52,8 @@ impl Encoding {
     }
 }
 
-/// S^(1/n) for one exponent. The first and the last row are the poles, where a lookup would else see what lies beside them.
+/// S^(1/n) for one exponent. The first and the last row are the poles, where a lookup would else see what
+/// lies beside them.
 pub(super) fn slice(spectrum: &Spectrum, n: f32, error: f32, height: usize) -> Environment {
     let width = 2 * height;
     let polar: Vec<f64> =
@@ -154,8 +155,8 @@ pub struct Prefiltered {
 }
 
 impl Prefiltered {
-    /// Prefilters an environment for lobes of exponents from `range.0` to `range.1` and an error ([`accuracy`]), on the GPU when
-    /// there is one.
+    /// Prefilters an environment for lobes of exponents from `range.0` to `range.1` and an error
+    /// ([`accuracy`]), on the GPU when there is one.
     ///
     /// # Errors
     /// Failures of the GPU.
@@ -272,7 +273,8 @@ pub(super) fn three_weights([n0, n1, n2]: [f32; 3], n: f32) -> [f32; 3] {
     [1.0 - w1 - w2, w1, w2]
 }
 
-/// Exponents to prefilter: one for lobes that have only one, else three or more in equal ratios down from the highest.
+/// Exponents to prefilter: one for lobes that have only one, else three or more in equal ratios down from the
+/// highest.
 fn nodes(
     environment: &Environment,
     spectrum: &Spectrum,

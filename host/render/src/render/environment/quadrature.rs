@@ -19,8 +19,8 @@ pub const DIRECTIONS: usize = 128;
 /// Lobes count down to this part of their peak.
 const CUT: f64 = 1e-9;
 
-/// S(ω_p, n) of an environment without rotation: midpoints of parts of pixels, over which radiance is bilinear and the lobe
-/// nearly even.
+/// S(ω_p, n) of an environment without rotation: midpoints of parts of pixels, over which radiance is
+/// bilinear and the lobe nearly even.
 pub fn light(environment: &Environment, toward: Vec3, n: f32) -> Rgb {
     let n = f64::from(n);
     let pixel = PI / environment.height as f64;

@@ -97,8 +97,8 @@ mod tests {
     use crate::scene::{Material, showcase};
     use lobelia_reflectance::{LobeBrdf, Microfacet, Rgb};
 
-    /// The showcase, one of its materials with a microfacet term, under a turned sky with a small bright spot, without lamps, at the
-    /// edges of whose shadows the two may differ.
+    /// The showcase, one of its materials with a microfacet term, under a turned sky with a small bright
+    /// spot, without lamps, at the edges of whose shadows the two may differ.
     fn scene() -> Scene {
         let mut scene = showcase::published(120, 90);
         let sky = crate::scene::Environment::from_function(64, 32, |d| {

@@ -36,8 +36,9 @@ pub(crate) struct Source {
 }
 
 impl Source {
-    /// Points at most `spacing` apart where the environment can be gathered, finer than its pixels where it must be: between
-    /// them its radiance is bilinear. A point stands at the centroid of the light that it gathers.
+    /// Points at most `spacing` apart where the environment can be gathered, finer than its pixels where it
+    /// must be: between them its radiance is bilinear. A point stands at the centroid of the light that it
+    /// gathers.
     pub(crate) fn new(environment: &Environment, spacing: f32) -> Self {
         let pixel = PI / environment.height as f32;
         let parts = (pixel / spacing).ceil().max(1.0) as usize;

@@ -1,9 +1,10 @@
-//! An environment in spherical harmonics, L = Σ L_lm Y_lm, and the light under lobes by the theorem of Funk and Hecke:
-//! S(ω, n) = Σ_l K_l Σ_m L_lm Y_lm(ω), K_l = 2π ∫₀¹ tⁿ P_l(t) dt.
+//! An environment in spherical harmonics, L = Σ L_lm Y_lm, and the light under lobes by the theorem of Funk
+//! and Hecke: S(ω, n) = Σ_l K_l Σ_m L_lm Y_lm(ω), K_l = 2π ∫₀¹ tⁿ P_l(t) dt.
 //!
-//! The image is taken as bilinear, as [`Environment::radiance_at`] has it, and projected without error of its own: exactly along
-//! rows, by Gauss–Legendre quadrature between them. A map of exponent n costs rows × band², band about 7 √n, and a Fourier
-//! transform a row. All is in f64, so that a sun does not drown the sky.
+//! The image is taken as bilinear, as [`Environment::radiance_at`] has it, and projected without error of its
+//! own: exactly along rows, by Gauss–Legendre quadrature between them. A map of exponent n costs rows ×
+//! band², band about 7 √n, and a Fourier transform a row. All is in f64, so that a sun does not drown the
+//! sky.
 
 use std::f64::consts::{PI, TAU};
 
@@ -28,7 +29,8 @@ const LEAST_BAND: usize = 64;
 
 type Lanes = [f64; LANES];
 
-/// K_l of cosⁿ. A lobe of n below about 30 never ends, since it has an edge at 90°; its degrees stop at twice what its map can hold.
+/// K_l of cosⁿ. A lobe of n below about 30 never ends, since it has an edge at 90°; its degrees stop at twice
+/// what its map can hold.
 pub(super) fn kernel(n: f32, error: f32) -> Vec<f64> {
     let most = (2 * accuracy::map_height(n, error)).max(LEAST_BAND);
     let n = f64::from(n);
@@ -95,7 +97,8 @@ impl WithSimd for Rings<'_> {
 }
 
 impl Spectrum {
-    /// Projects an environment without rotation on all harmonics that count under lobes of some exponents and an error.
+    /// Projects an environment without rotation on all harmonics that count under lobes of some exponents and
+    /// an error.
     pub(super) fn new(environment: &Environment, exponents: &[f32], error: f32) -> Self {
         let band = exponents.iter().map(|&n| kernel(n, error).len()).fold(0, usize::max);
         let arch = Arch::new();
@@ -115,8 +118,8 @@ impl Spectrum {
         Self { orders, seeds, arch }
     }
 
-    /// S for peaks at the centres of the columns of an equirectangular map of `width`, an even number, and at rows of the polar
-    /// angles given.
+    /// S for peaks at the centres of the columns of an equirectangular map of `width`, an even number, and at
+    /// rows of the polar angles given.
     pub(super) fn map(&self, kernel: &[f64], width: usize, polar: &[f64]) -> Vec<Rgb> {
         let plan = RealFftPlanner::<f64>::new().plan_fft_inverse(width);
         let first_column = PI / width as f64 - PI;
@@ -146,7 +149,8 @@ impl Spectrum {
         pixels
     }
 
-    /// Every degree's part of the light from about a direction, Σ_m L_lm Y_lm(ω): S(ω, n) is their sum, each times K_l.
+    /// Every degree's part of the light from about a direction, Σ_m L_lm Y_lm(ω): S(ω, n) is their sum, each
+    /// times K_l.
     pub(super) fn degrees(&self, direction: Vec3, band: usize) -> Vec<[f64; 3]> {
         let direction = direction.as_dvec3().normalize();
         let (cos, sin) = (direction.y, direction.x.hypot(direction.z));
@@ -230,7 +234,8 @@ fn step(up: &[f64; 2], cos: &Lanes, before: &mut Lanes, here: &mut Lanes) {
     }
 }
 
-/// Adds an order to the half spectrum of a row of `width` values; orders that a row cannot tell apart fall together.
+/// Adds an order to the half spectrum of a row of `width` values; orders that a row cannot tell apart fall
+/// together.
 fn fold(spectrum: &mut [Complex64], m: usize, value: Complex64, width: usize) {
     let at = m % width;
     match at {
@@ -241,7 +246,8 @@ fn fold(spectrum: &mut [Complex64], m: usize, value: Complex64, width: usize) {
     }
 }
 
-/// ∫ L e^{−imφ} dφ of every row and channel, L piecewise linear between the pixels' centres, for m below `band`.
+/// ∫ L e^{−imφ} dφ of every row and channel, L piecewise linear between the pixels' centres, for m below
+/// `band`.
 fn transformed(environment: &Environment, band: usize) -> Vec<[Vec<Complex64>; 3]> {
     let width = environment.width;
     let plan = RealFftPlanner::<f64>::new().plan_fft_forward(width);

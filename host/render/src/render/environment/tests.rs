@@ -10,7 +10,8 @@ use crate::render::{extended_check, plain_check};
 use crate::scene::{Environment, Material};
 use lobelia_reflectance::{Brdf, Lobe, LobeBrdf, Microfacet, SbrdfMap};
 
-/// Radiance reflected by a BRDF on a surface that faces +y, by quadrature; sample frame x = +x, y = −z, z = +y.
+/// Radiance reflected by a BRDF on a surface that faces +y, by quadrature; sample frame x = +x, y = −z, z
+/// = +y.
 fn quadrature(environment: &Environment, brdf: &LobeBrdf, view: Vec3) -> Rgb {
     let local = |d: Vec3| Vec3::new(d.x, -d.z, d.y);
     let (columns, rows) = (240, 120);

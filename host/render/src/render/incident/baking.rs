@@ -1,5 +1,6 @@
-//! What is baked: the transfer of receivers, some thousands a part, as f32 in order, little-endian. It depends on
-//! the meshes, where they stand, and what is cut out of them; lights, views and reflectances may change.
+//! What is baked: the transfer of receivers, some thousands a part, as f32 in order, little-endian. It
+//! depends on the meshes, where they stand, and what is cut out of them; lights, views and reflectances may
+//! change.
 
 use std::collections::BTreeMap;
 

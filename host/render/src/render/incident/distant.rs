@@ -1,4 +1,5 @@
-//! An environment in spherical harmonics: the same incident radiance at every vertex, turned as the environment is.
+//! An environment in spherical harmonics: the same incident radiance at every vertex, turned as the
+//! environment is.
 
 use glam::{DQuat, DVec3, Vec3};
 use rayon::prelude::*;

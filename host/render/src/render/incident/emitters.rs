@@ -1,4 +1,5 @@
-//! What shines nearby: flat convex polygons that shine evenly to their front, are black behind, and hide one another.
+//! What shines nearby: flat convex polygons that shine evenly to their front, are black behind, and hide one
+//! another.
 
 use glam::DVec3;
 
@@ -110,7 +111,8 @@ fn overlap(a: &[Edge], b: &[Edge]) -> bool {
     !apart(a, b) && !apart(b, a)
 }
 
-/// The part of a convex outline on the normal's side of a plane through the viewer; `near` is of the line that cuts.
+/// The part of a convex outline on the normal's side of a plane through the viewer; `near` is of the line
+/// that cuts.
 fn clipped(outline: &[Edge], normal: DVec3, near: DVec3) -> Vec<Edge> {
     if below(outline, normal) {
         return Vec::new();
@@ -207,8 +209,8 @@ impl Incident {
     }
 }
 
-/// The harmonic mean, by solid angle, of the distances of all emitters that are seen from a point, from behind too;
-/// none where none is.
+/// The harmonic mean, by solid angle, of the distances of all emitters that are seen from a point, from
+/// behind too; none where none is.
 pub(super) fn harmonic_distance(emitters: &[Emitter], point: DVec3) -> Option<f64> {
     let seen: Vec<Seen> = emitters.iter().filter_map(|emitter| Seen::new(emitter, point)).collect();
     let (mut solid, mut inverse) = (0.0, 0.0);

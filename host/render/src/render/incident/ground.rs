@@ -37,7 +37,8 @@ impl Ground<'_> {
         terms.map(|(i, &t)| coefficients(i) * f64::from(t)).sum()
     }
 
-    /// Irradiance of a receiver by incident radiance at its own place, as it comes: ringing may make it negative.
+    /// Irradiance of a receiver by incident radiance at its own place, as it comes: ringing may make it
+    /// negative.
     pub(super) fn exact(&self, emitters: &[Emitter], receiver: usize) -> DVec3 {
         let own = Incident::at(emitters, self.position(receiver), self.degree, Detail::Values);
         self.product(receiver, |i| own.values[i])

@@ -1,9 +1,11 @@
-//! Real spherical harmonics Y_lm, index i = l(l + 1) + m, of degree 0 to [`MOST`], with the phase (−1)^m of (2.9):
+//! Real spherical harmonics Y_lm, index i = l(l + 1) + m, of degree 0 to [`MOST`], with the phase (−1)^m of
+//! (2.9):
 //!
-//! Y_lm = √2 K cos(mφ) P_l^m (m > 0), √2 K sin(|m|φ) P_l^|m| (m < 0), K P_l^0,  K² = (2l + 1)(l − |m|)! / 4π(l + |m|)!
+//! Y_lm = √2 K cos(mφ) P_l^m (m > 0), √2 K sin(|m|φ) P_l^|m| (m < 0), K P_l^0, K² = (2l + 1)(l − |m|)! /
+//! 4π(l + |m|)!
 //!
-//! P_l^m = Q_l^m(z) sin^m θ, and sin^m θ cos mφ, sin mφ are the real and the imaginary part of (x + iy)^m: polynomials
-//! without a singular pole, and dQ_l^m/dz = −Q_l^(m+1).
+//! P_l^m = Q_l^m(z) sin^m θ, and sin^m θ cos mφ, sin mφ are the real and the imaginary part of (x + iy)^m:
+//! polynomials without a singular pole, and dQ_l^m/dz = −Q_l^(m+1).
 
 use std::f64::consts::PI;
 use std::sync::OnceLock;

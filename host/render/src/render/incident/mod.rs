@@ -1,12 +1,13 @@
-//! The `incident` renderer: near lights by samples of incident radiance. Light that falls on a surface from nearby
-//! differs from place to place; it is sampled in spherical harmonics where the surface needs it (module `samples`),
-//! blended to every vertex, as it is foretold to err (module `second_order`), and multiplied with the transfer that was baked (module `transfer`):
+//! The `incident` renderer: near lights by samples of incident radiance. Light that falls on a surface from
+//! nearby differs from place to place; it is sampled in spherical harmonics where the surface needs it
+//! (module `samples`), blended to every vertex, as it is foretold to err (module `second_order`), and
+//! multiplied with the transfer that was baked (module `transfer`):
 //!
 //! L(p) = ρ_d(p) Σ_i t_i(p) l_i(p).
 //!
-//! Diffuse, direct light of emitters that stand beside the objects, not among them: an object hides an emitter
-//! whether it is before or behind it. A change of the light takes samples; a change of the view draws alone.
-//! Without emitters an environment is one sample for all, which turns with it.
+//! Diffuse, direct light of emitters that stand beside the objects, not among them: an object hides an
+//! emitter whether it is before or behind it. A change of the light takes samples; a change of the view draws
+//! alone. Without emitters an environment is one sample for all, which turns with it.
 
 mod baking;
 mod distant;
@@ -89,7 +90,7 @@ impl Settings {
 }
 
 /// What of a scene this method cannot draw.
-pub(super) fn cannot_draw(scene: &Scene) -> Vec<&'static str> {
+pub(super) fn cannot_draw(scene: &Scene) -> Vec<String> {
     let any = |is: fn(&Light) -> bool| scene.lights.iter().any(is);
     let glossy = |brdf: lobelia_reflectance::LobeBrdf| {
         let lobes = brdf.lobes.iter().any(|lobe| lobe.rho_s != Rgb::ZERO);
@@ -107,7 +108,8 @@ pub(super) fn cannot_draw(scene: &Scene) -> Vec<&'static str> {
             "materials that are not diffuse alone",
         ),
     ];
-    all.into_iter().filter(|(is, _)| *is).map(|(_, what)| what).collect()
+    let named = all.into_iter().filter(|(is, _)| *is).map(|(_, what)| what.to_owned());
+    named.chain(scene.beyond_lobes()).collect()
 }
 
 /// The settings given, weighed: others would be baked, or sampled, for a chart of their own.
@@ -284,8 +286,8 @@ impl Playing {
         }
         (wrong > 0).then(|| {
             format!(
-                "lights stand among the objects: {:.0} % of the light is taken for hidden by what is behind it; use \
-                 --method reference",
+                "lights stand among the objects: {:.0} % of the light is taken for hidden by what is behind \
+                 it; use --method reference",
                 (100.0 * wrong as f64 / all as f64).max(1.0)
             )
         })

@@ -1,14 +1,17 @@
-//! Incident radiance of a region of the sphere about a point, whose edges are arcs of great circles, by integrals
-//! along them; with ∇_S on the unit sphere, n the edge's inward normal, s its length, r the distance of what bounds:
+//! Incident radiance of a region of the sphere about a point, whose edges are arcs of great circles, by
+//! integrals along them; with ∇_S on the unit sphere, n the edge's inward normal, s its length, r the
+//! distance of what bounds:
 //!
-//! ∫ Y_lm dω = Σ ∫ n·∇_S Y_lm ds / l(l + 1),  as −l(l + 1) Y is the Laplacian of Y, and Y_00 times the solid angle,
+//! ∫ Y_lm dω = Σ ∫ n·∇_S Y_lm ds / l(l + 1), as −l(l + 1) Y is the Laplacian of Y, and Y_00 times the solid
+//! angle,
 //!
 //! ∇ = Σ n ∫ Y / r ds,  ∇∇ = −Σ n ⊗ ∫ (∇_S Y − 3 Y ω) / r² ds, its symmetric part.
 //!
-//! Of a straight edge 1/r = ω·k with k the nearest point of its line over that point's squared distance: what is
-//! integrated is a trigonometric polynomial of s, for which Gauss and Legendre's nodes are as good as exact.
-//! Where one polygon hides part of another the edge is the front one's, so that visibility is differentiated too;
-//! the second derivative leaves out that corners between edges of two polygons slide along both.
+//! Of a straight edge 1/r = ω·k with k the nearest point of its line over that point's squared distance: what
+//! is integrated is a trigonometric polynomial of s, for which Gauss and Legendre's nodes are as good as
+//! exact. Where one polygon hides part of another the edge is the front one's, so that visibility is
+//! differentiated too; the second derivative leaves out that corners between edges of two polygons slide
+//! along both.
 
 use glam::DVec3;
 

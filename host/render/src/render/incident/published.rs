@@ -1,10 +1,11 @@
 //! The source's method, and what it was compared with.
 //!
-//! Breadth first from the root, a sample at the mean of every node that is visited, which is parted where an oracle of
-//! its radius r (half the diagonal of its box), of the norm |l| of the sample, the largest of the channels', and of the
-//! harmonic mean H of the distances of what is seen there is beyond a bound. All visited nodes keep their samples, or
-//! those alone that are not parted. What shines and what hides it both count in H, by solid angle: over a polygon in
-//! a plane at height h, ∫ dω/r = n·∫ ω dω / h, which is of degree 1.
+//! Breadth first from the root, a sample at the mean of every node that is visited, which is parted where an
+//! oracle of its radius r (half the diagonal of its box), of the norm |l| of the sample, the largest of the
+//! channels', and of the harmonic mean H of the distances of what is seen there is beyond a bound. All
+//! visited nodes keep their samples, or those alone that are not parted. What shines and what hides it both
+//! count in H, by solid angle: over a polygon in a plane at height h, ∫ dω/r = n·∫ ω dω / h, which is of
+//! degree 1.
 
 use glam::Vec3;
 use rayon::prelude::*;

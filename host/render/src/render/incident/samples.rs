@@ -1,8 +1,8 @@
 //! Samples of incident radiance, and what they are between.
 //!
-//! A sample stands for the receivers within its radius. Smooth samples are extended by their gradients and blended
-//! with the weights of Franke and Little, ((R − d)₊ / R d)²: they end smoothly and interpolate. Published ones are
-//! constant and blended by 1/d (2.13), which jumps where one ends.
+//! A sample stands for the receivers within its radius. Smooth samples are extended by their gradients and
+//! blended with the weights of Franke and Little, ((R − d)₊ / R d)²: they end smoothly and interpolate.
+//! Published ones are constant and blended by 1/d (2.13), which jumps where one ends.
 
 use glam::Vec3;
 use rayon::prelude::*;
@@ -113,7 +113,8 @@ impl Samples {
     fn at(&self, ground: &Ground<'_>, receiver: usize) -> Vec3 {
         let position = ground.receivers.positions[receiver];
         let (mut sum, mut weights) = (Vec3::ZERO, 0.0);
-        // What a sample at the receiver itself says stands alone; there may be several, of sides of one place.
+        // What a sample at the receiver itself says stands alone; there may be several, of sides of one
+        // place.
         let (mut own, mut owners) = (Vec3::ZERO, 0.0);
         let mut waiting = vec![0];
         while let Some(index) = waiting.pop() {

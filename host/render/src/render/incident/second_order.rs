@@ -1,10 +1,11 @@
 //! Where samples are taken so that colours err by no more than a bound.
 //!
-//! A sample at the mean of a node's receivers stands for them. Its error in colour, for a receiver at D from it with
-//! transfer t, is foretold by the second derivatives, ½ |Dᵀ (t·∇∇l) D| times the reflectance, over some of the
-//! node's receivers; and known at the checks, receivers spread over all whose own incident radiance is computed
-//! first. Nodes beyond the bound are parted, those of largest error times receivers first where a cap decides. The
-//! nodes that are left have samples of half as far again as their farthest receiver: none is bare.
+//! A sample at the mean of a node's receivers stands for them. Its error in colour, for a receiver at D from
+//! it with transfer t, is foretold by the second derivatives, ½ |Dᵀ (t·∇∇l) D| times the reflectance, over
+//! some of the node's receivers; and known at the checks, receivers spread over all whose own incident
+//! radiance is computed first. Nodes beyond the bound are parted, those of largest error times receivers
+//! first where a cap decides. The nodes that are left have samples of half as far again as their farthest
+//! receiver: none is bare.
 
 use glam::DVec3;
 use rayon::prelude::*;
@@ -37,8 +38,8 @@ struct Check {
     irradiance: DVec3,
 }
 
-/// Places samples for an error of `epsilon` times the root mean square of the radiance over the receivers, with `most`
-/// samples, the checks aside.
+/// Places samples for an error of `epsilon` times the root mean square of the radiance over the receivers,
+/// with `most` samples, the checks aside.
 pub(super) fn place(ground: &Ground<'_>, emitters: &[Emitter], epsilon: f64, most: usize) -> Samples {
     let nodes = &ground.tree.nodes;
     if nodes.is_empty() || emitters.is_empty() {

@@ -20,8 +20,8 @@ use lobelia_base::error::Result;
 /// A way to sample incident radiance.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Sampling {
-    /// The method's own: second derivatives against the transfer, smooth first-order samples; the error allowed over
-    /// the root mean square of radiance.
+    /// The method's own: second derivatives against the transfer, smooth first-order samples; the error
+    /// allowed over the root mean square of radiance.
     SecondOrder(f64),
     /// The source's, with its oracle and bound, and whether the samples of nodes that were parted are kept.
     Published {
@@ -50,7 +50,8 @@ pub struct Outcome {
     pub samples: usize,
     /// Of them those that are blended.
     pub kept: usize,
-    /// The error that was allowed: of the method's own way as radiance, of a published oracle in its own unit.
+    /// The error that was allowed: of the method's own way as radiance, of a published oracle in its own
+    /// unit.
     pub bound: Option<f64>,
     /// Seconds of placing and taking them.
     pub sampling_seconds: f64,

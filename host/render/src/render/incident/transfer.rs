@@ -1,10 +1,11 @@
-//! Transfer of every vertex: coefficients of V(p, ω) (n·ω)₊, with V what the scene's own objects leave open (2.3).
-//! The albedo over π is applied where a picture is drawn, texel by texel, so that one channel is enough. Surfaces
-//! have two sides; a closed mesh is seen from outside alone, an open one has a transfer a side.
+//! Transfer of every vertex: coefficients of V(p, ω) (n·ω)₊, with V what the scene's own objects leave open
+//! (2.3). The albedo over π is applied where a picture is drawn, texel by texel, so that one channel is
+//! enough. Surfaces have two sides; a closed mesh is seen from outside alone, an open one has a transfer a
+//! side.
 //!
-//! Directions are the same for all vertices, so that neighbours err alike. Where less than half of what the cosine
-//! weighs is hidden, what is hidden is taken from the closed form of the cosine, else what is open is summed: with
-//! nothing hidden the lobe is exact, and nothing is left of one that sees nothing.
+//! Directions are the same for all vertices, so that neighbours err alike. Where less than half of what the
+//! cosine weighs is hidden, what is hidden is taken from the closed form of the cosine, else what is open is
+//! summed: with nothing hidden the lobe is exact, and nothing is left of one that sees nothing.
 
 use std::collections::HashMap;
 use std::f64::consts::PI;
@@ -15,7 +16,8 @@ use super::harmonics::{self, COUNT};
 use crate::render::geometry::{self, Geometry, joined};
 use crate::scene::{Mesh, Object, Scene};
 
-/// Where transfer is known: the front of every vertex of all objects in order, then the back of those of open meshes.
+/// Where transfer is known: the front of every vertex of all objects in order, then the back of those of open
+/// meshes.
 pub(super) struct Receivers {
     pub(super) positions: Vec<Vec3>,
     /// Unit vectors to the side that is lit.
@@ -98,8 +100,8 @@ fn inward(mesh: &Mesh) -> Vec<Vec3> {
     mesh.vertices.iter().zip(middles).map(aside).collect()
 }
 
-/// Whether every edge of a mesh lies between two triangles, wound outward as its normals say: then nothing sees its
-/// inside.
+/// Whether every edge of a mesh lies between two triangles, wound outward as its normals say: then nothing
+/// sees its inside.
 fn is_closed(mesh: &Mesh) -> bool {
     let (low, high) = mesh.bounds();
     let cell = (high - low).max_element().max(f32::MIN_POSITIVE) * 1e-5;
@@ -228,7 +230,8 @@ mod tests {
         }
     }
 
-    /// The middle of a sheet within a ball; the foot of an endless wall, where half of the cosine, π/2, is left.
+    /// The middle of a sheet within a ball; the foot of an endless wall, where half of the cosine, π/2, is
+    /// left.
     #[test]
     fn an_enclosed_vertex_sees_nothing_and_one_at_the_foot_of_a_wall_half() {
         let (receivers, transfers) =

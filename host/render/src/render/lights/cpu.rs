@@ -1,5 +1,5 @@
-//! The twin of shaders/lights.wgsl in Rust: the same shading and filtering, one ray through the middle of every pixel. It is the
-//! oracle for the shader.
+//! The twin of shaders/lights.wgsl in Rust: the same shading and filtering, one ray through the middle of
+//! every pixel. It is the oracle for the shader.
 
 use bytemuck::Zeroable;
 use glam::{Vec3, Vec4};
@@ -104,7 +104,8 @@ impl Twin<'_> {
         radiance.extend(1.0)
     }
 
-    /// How texture coordinates change from pixel to pixel, as the GPU tells it: by the differences within a block of 2 × 2.
+    /// How texture coordinates change from pixel to pixel, as the GPU tells it: by the differences within a
+    /// block of 2 × 2.
     fn differences(&self, hit: &Hit, [x, y]: [usize; 2]) -> [glam::Vec2; 2] {
         let uv = |at| self.geometry.uv_along(hit, self.rays.origin, self.direction(at));
         [uv([x | 1, y]) - uv([x & !1, y]), uv([x, y | 1]) - uv([x, y & !1])]

@@ -5,7 +5,8 @@ use glam::Vec2;
 use super::{Filtering, Settings};
 use crate::render::materials::PackedMaterial;
 
-/// A pixel's footprint in texels of the finest level: samples along one or two axes, on a level or between two.
+/// A pixel's footprint in texels of the finest level: samples along one or two axes, on a level or between
+/// two.
 pub(super) struct Footprint {
     centre: Vec2,
     along: Vec2,
@@ -24,8 +25,8 @@ const SPREAD: Vec2 = Vec2::new(0.754_877_7, 0.569_840_3);
 impl Footprint {
     /// The footprint around texture coordinates that change by `dx` and `dy` from pixel to pixel.
     ///
-    /// On MIP levels samples stand along the longer axis and the level follows from the distance between them, as OpenGL's
-    /// EXT_texture_filter_anisotropic proposes.
+    /// On MIP levels samples stand along the longer axis and the level follows from the distance between
+    /// them, as OpenGL's EXT_texture_filter_anisotropic proposes.
     pub(super) fn new(settings: &Settings, material: &PackedMaterial, uv: Vec2, [dx, dy]: [Vec2; 2]) -> Self {
         let size = Vec2::new(material.width as f32, material.height as f32);
         let tiling = Vec2::from_array(material.tiling);

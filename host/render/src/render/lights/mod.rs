@@ -1,6 +1,8 @@
-//! The `lights` renderer: a raster on the GPU with point, directional and rectangular lights (6.9), any number of lobes, microfacet
-//! terms and lights in one pass. Rectangular lights are sampled, at places that differ from pixel to pixel. Shadows are traced through a tree of the scene's triangles. Textures are
-//! filtered as [`Filtering`] says, coefficients stored as [`Storage`] says. An environment is seen but lights nothing.
+//! The `lights` renderer: a raster on the GPU with point, directional and rectangular lights (6.9), any
+//! number of lobes, microfacet terms and lights in one pass. Rectangular lights are sampled, at places that
+//! differ from pixel to pixel. Shadows are traced through a tree of the scene's triangles. Textures are
+//! filtered as [`Filtering`] says, coefficients stored as [`Storage`] says. An environment is seen but lights
+//! nothing.
 
 pub mod cpu;
 mod footprint;
@@ -36,8 +38,8 @@ pub enum Filtering {
     Finest,
     /// MIP levels of averaged coefficients, interpolated before they are evaluated, as texture hardware does.
     Coefficients,
-    /// MIP levels fitted to the averaged reflectance; what is interpolated is reflectance. Maps without such levels (`lobelia fit
-    /// --mip`) get them first.
+    /// MIP levels fitted to the averaged reflectance; what is interpolated is reflectance. Maps without such
+    /// levels (`lobelia fit --mip`) get them first.
     Fitted,
     /// Shades texels all over the pixel, then filters: right, and as slow as there are texels.
     #[default]
@@ -54,12 +56,13 @@ impl Filtering {
             Self::Finest => ("finest", "The texels around its middle: fast, and full of specks from afar"),
             Self::Coefficients => (
                 "coefficients",
-                "MIP levels of averaged coefficients, interpolated before they are evaluated, as texture hardware does",
+                "MIP levels of averaged coefficients, interpolated before they are evaluated, as texture \
+                 hardware does",
             ),
             Self::Fitted => (
                 "fitted",
-                "MIP levels fitted to the averaged reflectance; what is interpolated is reflectance. Maps without such \
-                 levels (`lobelia fit --mip`) get them first",
+                "MIP levels fitted to the averaged reflectance; what is interpolated is reflectance. Maps \
+                 without such levels (`lobelia fit --mip`) get them first",
             ),
             Self::Shaded => (
                 "shaded",
@@ -110,12 +113,14 @@ impl Default for Settings {
 }
 
 impl Settings {
-    /// The scene as it is drawn: with the MIP levels that the filter takes, in the coefficients that storage leaves.
+    /// The scene as it is drawn: with the MIP levels that the filter takes, in the coefficients that storage
+    /// leaves.
     ///
     /// # Errors
     /// Input errors for a scene that [`Scene::check`] refuses, and for counts of 0.
     fn scene(&self, scene: &Scene) -> Result<Scene> {
         scene.check()?;
+        scene.refuse_beyond_lobes("lights")?;
         if self.samples == 0 || self.anisotropy == 0 || self.light_samples == 0 {
             return Err(Error::input("lights: samples, anisotropy and light samples must be 1 or more"));
         }
@@ -153,7 +158,8 @@ impl Settings {
         self.light_samples.isqrt()
     }
 
-    /// Seconds a frame of a view (of a driver in software, of CPU time), the least of `rounds` of `frames` each, without reading pictures back; and the adapter.
+    /// Seconds a frame of a view (of a driver in software, of CPU time), the least of `rounds` of `frames`
+    /// each, without reading pictures back; and the adapter.
     ///
     /// # Errors
     /// Those of [`Renderer::prepare`] and of [`Player::frame`].
@@ -166,8 +172,8 @@ impl Settings {
     }
 }
 
-/// Distance of the near plane, in sizes of the scene. Reversed depth in floating point is as fine far away as near by wherever the plane
-/// is, so that it can be nearer than anything to be seen.
+/// Distance of the near plane, in sizes of the scene. Reversed depth in floating point is as fine far away as
+/// near by wherever the plane is, so that it can be nearer than anything to be seen.
 const NEAR: f32 = 1e-7;
 
 /// Distance of the near plane for a scene, whatever a view looks at.
@@ -211,9 +217,10 @@ impl Renderer for Settings {
 }
 
 /// What of a scene is not drawn.
-pub(super) fn cannot_draw(scene: &Scene) -> Vec<&'static str> {
+pub(super) fn cannot_draw(scene: &Scene) -> Vec<String> {
     let alone = scene.lights.is_empty() && scene.environment.is_some();
-    if alone { vec!["a scene that its environment alone lights"] } else { vec![] }
+    let alone = alone.then(|| "a scene that its environment alone lights".to_owned());
+    alone.into_iter().chain(scene.beyond_lobes()).collect()
 }
 
 /// Storages and filters; the choice by error weighs those given.
@@ -235,8 +242,8 @@ pub(super) fn variants(base: &Settings) -> Vec<Variant> {
     storages.into_iter().chain(filters).chain([own]).collect()
 }
 
-/// Light from afar: WGSL that is appended to shaders/lights.wgsl and defines `distant_of`, and what it reads as group 1, the
-/// first a uniform, the others storage.
+/// Light from afar: WGSL that is appended to shaders/lights.wgsl and defines `distant_of`, and what it reads
+/// as group 1, the first a uniform, the others storage.
 pub(super) struct Distant {
     pub(super) shader: &'static str,
     pub(super) buffers: [wgpu::Buffer; 5],

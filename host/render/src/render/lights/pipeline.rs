@@ -54,7 +54,8 @@ struct Targets {
 }
 
 impl Pass {
-    /// Uploads a scene and builds the pipelines for as many samples a pixel as wanted, or the most below that the adapter can.
+    /// Uploads a scene and builds the pipelines for as many samples a pixel as wanted, or the most below that
+    /// the adapter can.
     pub(super) fn new(
         gpu: &Gpu,
         uploads: &Uploads,
@@ -202,8 +203,8 @@ impl Pass {
         gpu.read_texture(encoder, &targets.picture)
     }
 
-    /// Seconds a frame, the least of `rounds` of `frames` each, of fewer where a frame takes long. Of a driver in software, seconds of
-    /// CPU time, which other work on the machine changes little.
+    /// Seconds a frame, the least of `rounds` of `frames` each, of fewer where a frame takes long. Of a
+    /// driver in software, seconds of CPU time, which other work on the machine changes little.
     pub(super) fn frame_seconds(&self, gpu: &Gpu, camera: &Camera, rounds: u32, frames: u32) -> Result<f64> {
         let (targets, bindings) = (self.targets(gpu, camera), self.bindings(gpu, camera)?);
         let timed = |frames: u32| -> Result<f64> {
@@ -281,8 +282,8 @@ fn bind<'a>(
 
 /// What there is to say of pictures that are drawn in a format.
 fn precision(format: TextureFormat) -> Option<String> {
-    let message = "this GPU draws in floating point of 16 bits alone: values have three digits, and none is above 65,504; \
-                   --samples 1 may get 32 bits";
+    let message = "this GPU draws in floating point of 16 bits alone: values have three digits, and none is \
+         above 65,504; --samples 1 may get 32 bits";
     (format == TextureFormat::Rgba16Float).then(|| message.into())
 }
 

@@ -24,7 +24,8 @@ fn lit(width: u32, height: u32) -> Scene {
     scene
 }
 
-/// A check of gloss and of brushed satin, far smaller than a pixel toward the horizon of a floor; a cut-out leaf above it.
+/// A check of gloss and of brushed satin, far smaller than a pixel toward the horizon of a floor; a cut-out
+/// leaf above it.
 fn floor(width: u32, height: u32) -> Scene {
     let brdf = |rho_d: f32, c: Vec3, n: f32| {
         let lobe = Lobe::new(Rgb::new(0.5, 0.4, 0.3), c, n);
@@ -54,7 +55,8 @@ fn floor(width: u32, height: u32) -> Scene {
     scene
 }
 
-/// Relative differences between GPU and twin where both cover, at the parts given of all; `None` without a GPU.
+/// Relative differences between GPU and twin where both cover, at the parts given of all; `None` without a
+/// GPU.
 fn differences<const N: usize>(scene: &Scene, settings: Settings, parts: [f32; N]) -> Option<[f32; N]> {
     let settings = Settings { samples: 1, ..settings };
     let rendering = match settings.render(scene, &scene.camera) {
@@ -269,8 +271,8 @@ fn normals_and_sharpening_are_those_of_the_path_tracer() {
     assert!(error < 0.05 && change > 0.2, "{error} {change}");
 }
 
-/// Relative RMSE of the mean over 4 × 4 pixels of the twin, which has one sample a pixel, by noisy pictures of the path tracer's
-/// direct light.
+/// Relative RMSE of the mean over 4 × 4 pixels of the twin, which has one sample a pixel, by noisy pictures
+/// of the path tracer's direct light.
 fn error_of_direct_light(scene: &Scene, settings: &Settings, samples: u32) -> f64 {
     let (width, height) = (scene.camera.width as usize, scene.camera.height as usize);
     let judges = [1, 2, 3].map(|seed| {

@@ -1,10 +1,12 @@
 //! How many rays leave the first surface of a pixel's paths: most where the noise is in what they find.
 //!
-//! With s branches a sample costs c₀ + s c₁ rays and has the variance v₀ + v₁ / s, of the parts that [`Traced`] tells apart. Over a picture,
-//! mean cost C times mean variance V is least at s² = (v₁ / c₁) (C / V) in every pixel (Rath et al. 2022, "EARS: Efficiency-aware Russian
-//! roulette and splitting", without the roulette). Samples of a few pixels, which the picture does not take, tell variances and costs; with
-//! those that the picture takes, pixels that had luck would stay lucky. Samples of a pixel are spread evenly, so that their mean varies less than
-//! theirs would if they were independent: by a factor for each part, which two runs a pixel tell. Costs are counted in rays, so that a picture does not depend on the machine.
+//! With s branches a sample costs c₀ + s c₁ rays and has the variance v₀ + v₁ / s, of the parts that
+//! [`Traced`] tells apart. Over a picture, mean cost C times mean variance V is least at s² = (v₁ / c₁) (C /
+//! V) in every pixel (Rath et al. 2022, "EARS: Efficiency-aware Russian roulette and splitting", without the
+//! roulette). Samples of a few pixels, which the picture does not take, tell variances and costs; with those
+//! that the picture takes, pixels that had luck would stay lucky. Samples of a pixel are spread evenly, so
+//! that their mean varies less than theirs would if they were independent: by a factor for each part, which
+//! two runs a pixel tell. Costs are counted in rays, so that a picture does not depend on the machine.
 
 use rayon::prelude::*;
 
@@ -125,7 +127,8 @@ impl Look {
         (0..self.count).map(|place| branches[block(place)]).collect()
     }
 
-    /// What the variance of a block counts in the square of the picture's relative RMSE, as [`compare::Errors`] has it.
+    /// What the variance of a block counts in the square of the picture's relative RMSE, as
+    /// [`compare::Errors`] has it.
     fn weights(&self) -> Vec<f32> {
         let mean = |[a, b]: &[Found; PARTS]| a.mean + b.mean;
         let whole = self.found.iter().map(mean).sum::<f32>() / self.found.len() as f32;
@@ -188,8 +191,8 @@ fn best(variances: &[[f32; PARTS]], cost: [f32; PARTS]) -> Vec<u32> {
 
 #[cfg(test)]
 mod tests {
+    use super::super::Pixel;
     use super::super::trace::Tracer;
-    use super::super::{Pixel, Rays};
     use super::*;
 
     /// Mean cost times mean variance.
@@ -220,11 +223,9 @@ mod tests {
     #[test]
     fn branches_lower_the_noise_and_leave_the_mean() {
         let scene = crate::scene::showcase::published(12, 9);
-        let tracer = Tracer::new(&scene, 4);
+        let tracer = Tracer::new(&scene, 4, 2);
         let picture = |branches: u32, seed: u32| {
-            let rays = Rays::new(&scene.camera);
-            let view =
-                View { tracer: &tracer, rays, seed, width: 12, pass: 16, branches: vec![branches; 12 * 9] };
+            let view = View::new(&tracer, &scene.camera, seed, 16, vec![branches; 12 * 9]);
             let mut pixels = vec![Pixel::default(); 12 * 9];
             for pass in 1..=8 {
                 view.add(&mut pixels, pass, None, |_| ());

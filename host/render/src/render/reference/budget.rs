@@ -1,7 +1,7 @@
 //! A budget of time: passes small enough that several fit in, and none that goes on when the time is up.
 //!
-//! The number of samples of a pass follows from the time that a few pixels take. A pass whose time runs out is dropped as a whole, but for
-//! the first, without which there is no picture.
+//! The number of samples of a pass follows from the time that a few pixels take. A pass whose time runs out
+//! is dropped as a whole, but for the first, without which there is no picture.
 
 use super::BUDGET_PASS;
 

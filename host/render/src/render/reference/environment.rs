@@ -1,4 +1,5 @@
-//! Importance sampling of an environment: pixels are drawn by luminance times solid angle, directions evenly within one.
+//! Importance sampling of an environment: pixels are drawn by luminance times solid angle, directions evenly
+//! within one.
 
 use std::f32::consts::{PI, TAU};
 
@@ -45,7 +46,8 @@ impl Sampled {
         let mut columns = Vec::with_capacity(height * (width + 1));
         for row in 0..height {
             let weights = &weights[row * width..(row + 1) * width];
-            // Divided in double precision by the very sum that they end in: 1 from the last pixel that is not black on.
+            // Divided in double precision by the very sum that they end in: 1 from the last pixel that is not
+            // black on.
             let mut sums = vec![0.0f64];
             let sum = weights.iter().fold(0.0, |sum, weight| {
                 sums.push(sum + weight);
@@ -125,7 +127,8 @@ impl Sampled {
     }
 }
 
-/// The interval of a cumulative distribution from 0 to 1 that `x` falls into, never one of probability 0, and how far along it.
+/// The interval of a cumulative distribution from 0 to 1 that `x` falls into, never one of probability 0, and
+/// how far along it.
 fn find(cumulative: &[f32], x: f32) -> (usize, f32) {
     let x = x.clamp(0.0, 1.0f32.next_down());
     let after = cumulative.partition_point(|&edge| edge <= x).clamp(1, cumulative.len() - 1);
@@ -212,7 +215,8 @@ mod tests {
 
     #[test]
     fn nothing_is_drawn_from_black_pixels_whatever_the_numbers() {
-        // Rows that are lit by many small pixels at their begin and black at their end, as a lamp on black leaves them.
+        // Rows that are lit by many small pixels at their begin and black at their end, as a lamp on black
+        // leaves them.
         let mut pixels = vec![Rgb::ZERO; 200 * 9];
         for (k, pixel) in pixels.iter_mut().enumerate().filter(|(k, _)| k % 200 < 77 && k / 200 % 4 != 3) {
             *pixel = Rgb::splat(0.1 + 1e-3 * (k % 13) as f32);

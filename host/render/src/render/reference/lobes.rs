@@ -1,5 +1,5 @@
-//! Importance sampling of the BRDF: cosine-weighted for the diffuse term, cosⁿ about the peak C'ω_o of every lobe, visible
-//! normals for microfacet terms.
+//! Importance sampling of the BRDF: cosine-weighted for the diffuse term, cosⁿ about the peak C'ω_o of every
+//! lobe, visible normals for microfacet terms.
 
 use std::f32::consts::TAU;
 
@@ -8,8 +8,8 @@ use glam::Vec3;
 use crate::render::materials::Shader;
 use crate::render::math;
 
-/// Draws an incident direction of the sample's frame from the mixture of [`Shader`]. It can lie below the surface, and then
-/// carries nothing; [`Shader::eval_and_density`] has its density.
+/// Draws an incident direction of the sample's frame from the mixture of [`Shader`]. It can lie below the
+/// surface, and then carries nothing; [`Shader::eval_and_density`] has its density.
 pub(super) fn sample(shader: &Shader, choice: f32, [r, s]: [f32; 2]) -> Vec3 {
     let (sin, cos) = (r * TAU).sin_cos();
     let mut left = choice;
@@ -28,6 +28,11 @@ pub(super) fn sample(shader: &Shader, choice: f32, [r, s]: [f32; 2]) -> Vec3 {
             return microfacet.coat.sample(shader.wo, [r, s]);
         }
         left -= microfacet.share;
+    }
+    if let Some((brdf, share)) = &shader.other
+        && left < *share
+    {
+        return brdf.sample(shader.wo, [r, s]);
     }
     let radius = s.sqrt();
     Vec3::new(radius * cos, radius * sin, (1.0 - s).max(0.0).sqrt())

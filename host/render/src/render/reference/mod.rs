@@ -1,16 +1,26 @@
-//! The reference renderer: a path tracer on the CPU for every kind of light, with interreflection. The other renderers are
-//! judged by it.
+//! The reference renderer: a path tracer on the CPU for every kind of light, with interreflection. The other
+//! renderers are judged by it.
 
 mod branches;
 mod budget;
+mod emitters;
 mod environment;
+mod interface;
+mod layers;
 mod lobes;
+mod media;
+#[cfg(test)]
+mod optics_tests;
 mod rectangle;
 #[cfg(test)]
 mod sampling_tests;
+mod scatter;
+mod shining;
+mod tally;
 #[cfg(test)]
 mod tests;
 mod trace;
+mod triangle;
 
 use std::time::Instant;
 
@@ -24,9 +34,12 @@ use super::stage::{Changes, Stage};
 use super::{Cost, Player, Renderer, Rendering, Variant, compare};
 use crate::scene::{Camera, Scene, State};
 use budget::{Clock, Deadline};
+pub use layers::Layers;
 use lobelia_base::error::{Error, Result};
 use lobelia_base::progress;
 use lobelia_reflectance::picture::Picture;
+use media::Inside;
+use tally::Tally;
 use trace::{Numbers, PARTS, Shaders, Traced, Tracer};
 
 /// Passes before a budget of time or error is looked at: variance needs more than one.
@@ -39,20 +52,24 @@ const BUDGET_PASS: u32 = 16;
 pub struct Settings {
     /// Samples a pixel at most, rounded up to whole passes; powers of two are spread best.
     pub samples: u32,
-    /// Seconds for a view at most, but that every pixel gets a sample; what the scene takes to be made ready is not counted. The picture
-    /// then depends on the machine through the numbers of samples and passes.
+    /// Seconds for a view at most, but that every pixel gets a sample; what the scene takes to be made ready
+    /// is not counted. The picture then depends on the machine through the numbers of samples and passes.
     pub seconds: Option<f64>,
-    /// Relative RMSE of the picture (as [`compare::Errors`] has it) to stop at; the upper estimate by its variance is used.
+    /// Relative RMSE of the picture (as [`compare::Errors`] has it) to stop at; the upper estimate by its
+    /// variance is used.
     pub max_error: Option<f64>,
     /// Reflections a path at most; 1 leaves interreflection out.
     pub bounces: u32,
+    /// Transparent surfaces in a row, from the first on, at which both the reflected and the refracted ray
+    /// are followed; beyond, and at 0, one of them by chance.
+    pub tree: u32,
     /// The picture is a function of scene, samples and seed, whatever the number of threads.
     pub seed: u64,
 }
 
 impl Default for Settings {
     fn default() -> Self {
-        Self { samples: 64, seconds: None, max_error: None, bounces: 64, seed: 0 }
+        Self { samples: 64, seconds: None, max_error: None, bounces: 64, tree: 2, seed: 0 }
     }
 }
 
@@ -89,9 +106,34 @@ impl Renderer for Settings {
         self.check()?;
         let start = Instant::now();
         let stage = Stage::new(scene)?;
-        let tracer = Tracer::new(&stage.now, self.bounces);
+        let tracer = Tracer::new(&stage.now, self.bounces, self.tree);
         let prepare_seconds = start.elapsed().as_secs_f64();
-        Ok(Box::new(Playing { stage, ready: Ready { tracer, settings: *self, prepare_seconds } }))
+        let ready = Ready { tracer, settings: *self, prepare_seconds, quiet: false };
+        Ok(Box::new(Playing { stage, ready }))
+    }
+}
+
+impl Settings {
+    /// Renders many views of a scene, which is made ready once, several at a time: cheap ones at the speed of
+    /// one that is as large as all. A limit of time is each view's own.
+    ///
+    /// # Errors
+    /// Those of [`Renderer::open`] and [`Player::frame`].
+    pub fn views(&self, scene: &Scene, cameras: &[Camera]) -> Result<Vec<Rendering>> {
+        scene.check()?;
+        self.check()?;
+        let start = Instant::now();
+        let tracer = Tracer::new(scene, self.bounces, self.tree);
+        let prepare_seconds = start.elapsed().as_secs_f64();
+        let ready = Ready { tracer, settings: *self, prepare_seconds, quiet: true };
+        let bar = progress::bar("reference", cameras.len() as u64, "views");
+        let view = |camera: &Camera| {
+            let start = Instant::now();
+            let rendering = ready.view_by(camera, &move || start.elapsed().as_secs_f64());
+            bar.advance(1);
+            rendering
+        };
+        cameras.par_iter().map(view).collect()
     }
 }
 
@@ -114,6 +156,8 @@ struct Ready {
     tracer: Tracer,
     settings: Settings,
     prepare_seconds: f64,
+    /// Whether a view shows no progress of its own.
+    quiet: bool,
 }
 
 /// The same from frame to frame.
@@ -135,7 +179,7 @@ impl Player for Playing {
         let start = Instant::now();
         let changes = self.stage.go(state)?;
         if changes != Changes::default() {
-            self.ready.tracer.follow(&self.stage.now, changes);
+            self.ready.tracer.go_to(&self.stage.now, changes);
         }
         let light_seconds = changes.seconds_since(start);
         let start = Instant::now();
@@ -155,7 +199,7 @@ impl Ready {
         let seed = hash(settings.seed as u32 ^ hash((settings.seed >> 32) as u32 ^ 0x5bd1_e995));
         let branches = vec![1; width * height];
         let pass = settings.pass();
-        let mut view = View { tracer: &self.tracer, rays: Rays::new(camera), seed, width, pass, branches };
+        let mut view = View::new(&self.tracer, camera, seed, pass, branches);
 
         let mut pixels = vec![Pixel::default(); width * height];
         let mut cost = Cost { prepare_seconds: self.prepare_seconds, ..Cost::default() };
@@ -171,10 +215,11 @@ impl Ready {
             view.branches = look.branches();
         }
         let passes = settings.samples.div_ceil(view.pass);
-        let bar = match settings.seconds {
+        let bar = (!self.quiet).then(|| match settings.seconds {
             Some(seconds) => progress::bar("reference", (1e3 * seconds) as u64, "ms"),
             None => progress::bar("reference", u64::from(passes) * height as u64, "rows"),
-        };
+        });
+        let advance = |items: u64| bar.iter().for_each(|bar| bar.advance(items));
         let mut done = 0;
         while done < passes {
             let before = clock();
@@ -183,11 +228,11 @@ impl Ready {
             let kept = deadline.map(|_| pixels.clone());
             let rays = view.add(&mut pixels, done + 1, deadline.as_ref(), |rows| {
                 if settings.seconds.is_none() {
-                    bar.advance(rows);
+                    advance(rows);
                 }
             });
             if settings.seconds.is_some() {
-                bar.advance((1e3 * (clock() - before)) as u64);
+                advance((1e3 * (clock() - before)) as u64);
             }
             let Some(rays) = rays else {
                 pixels = kept.unwrap_or(pixels);
@@ -205,7 +250,14 @@ impl Ready {
         cost.memory_bytes = (self.tracer.bytes() + size_of_val(&pixels[..])) as u64;
         let picture = Picture { width, height, pixels: pixels.iter().map(|pixel| pixel.mean).collect() };
         let variance = (done > 1).then(|| variance(&pixels, done));
-        Ok(Rendering { picture, variance, cost, redone: vec![], adapter: None, note: None })
+        Ok(Rendering {
+            picture,
+            variance,
+            cost,
+            redone: vec![],
+            adapter: None,
+            note: self.tracer.unsampled(),
+        })
     }
 }
 
@@ -219,8 +271,8 @@ impl Ready {
     }
 }
 
-/// Variance of every pixel's mean as if the passes were independent. They are parts of one stratified sequence, which does
-/// better: this is an upper estimate.
+/// Variance of every pixel's mean as if the passes were independent. They are parts of one stratified
+/// sequence, which does better: this is an upper estimate.
 fn variance(pixels: &[Pixel], passes: u32) -> Vec<Vec3> {
     let degrees = (passes * (passes - 1)) as f32;
     pixels.iter().map(|pixel| pixel.spread / degrees).collect()
@@ -230,6 +282,8 @@ fn variance(pixels: &[Pixel], passes: u32) -> Vec<Vec3> {
 struct View<'a> {
     tracer: &'a Tracer,
     rays: Rays,
+    /// What the camera is in.
+    inside: Inside,
     seed: u32,
     /// Pixels a row.
     width: usize,
@@ -239,7 +293,12 @@ struct View<'a> {
     branches: Vec<u32>,
 }
 
-impl View<'_> {
+impl<'a> View<'a> {
+    fn new(tracer: &'a Tracer, camera: &Camera, seed: u32, pass: u32, branches: Vec<u32>) -> Self {
+        let inside = tracer.inside(camera.position);
+        View { tracer, rays: Rays::new(camera), inside, seed, width: camera.width as usize, pass, branches }
+    }
+
     /// Seconds that one sample of all pixels takes, by a sample of every so many.
     fn sample_seconds(&self, clock: &Clock<'_>, rays: &mut u64) -> f64 {
         /// Pixels that one stands for, a prime so that they do not stand in columns.
@@ -260,7 +319,8 @@ impl View<'_> {
         (clock() - before) * count as f64 / count.div_ceil(STRIDE) as f64
     }
 
-    /// Adds a pass, the `count`-th, to all pixels; returns the number of rays, or nothing where the time was up before all pixels had it.
+    /// Adds a pass, the `count`-th, to all pixels; returns the number of rays, or nothing where the time was
+    /// up before all pixels had it.
     fn add(
         &self,
         pixels: &mut [Pixel],
@@ -301,14 +361,28 @@ impl View<'_> {
     /// One sample of a pixel.
     fn sample(
         &self,
-        [x, y]: [usize; 2],
+        place: [usize; 2],
         numbers: &Numbers,
         branches: u32,
         shaders: &mut Shaders,
         rays: &mut [u64; PARTS],
     ) -> Traced {
+        self.sample_into(place, numbers, branches, shaders, &mut (), rays)
+    }
+
+    /// One sample of a pixel, and what it is made up of.
+    fn sample_into(
+        &self,
+        [x, y]: [usize; 2],
+        numbers: &Numbers,
+        branches: u32,
+        shaders: &mut Shaders,
+        tally: &mut impl Tally,
+        rays: &mut [u64; PARTS],
+    ) -> Traced {
         let [dx, dy] = numbers.pixel();
         let direction = self.rays.direction(x as f32 + dx, y as f32 + dy);
-        self.tracer.path(numbers, (self.rays.origin, direction), branches, shaders, rays)
+        let ray = (self.rays.origin, direction, self.inside);
+        self.tracer.path(numbers, ray, branches, shaders, tally, rays)
     }
 }

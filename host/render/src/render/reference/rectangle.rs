@@ -5,20 +5,23 @@ use std::f64::consts::TAU;
 
 use glam::{DVec2, DVec3, Vec3};
 
-/// A rectangular light: its middle, half its size, and the axes of its frame: sides x and y, z away from its front.
+/// A rectangular light: its middle, half its size, and the axes of its frame: sides x and y, z away from its
+/// front.
 pub(super) struct Rectangle {
     centre: DVec3,
     half: DVec2,
     axes: [DVec3; 3],
 }
 
-/// A rectangle as a point sees it, in the rectangle's frame about the point. f64, since small solid angles are differences.
+/// A rectangle as a point sees it, in the rectangle's frame about the point. f64, since small solid angles
+/// are differences.
 pub(super) struct Seen<'a> {
     rectangle: &'a Rectangle,
     low: DVec2,
     high: DVec2,
     depth: f64,
-    /// Complex numbers with the arguments γ₀ + γ₁ and γ₂ + γ₃, the angles between the planes through the point and the edges.
+    /// Complex numbers with the arguments γ₀ + γ₁ and γ₂ + γ₃, the angles between the planes through the
+    /// point and the edges.
     angles: [DVec2; 2],
     solid_angle: f64,
 }
@@ -60,7 +63,8 @@ fn angle(a: DVec2) -> f64 {
     if angle < 0.0 { angle + TAU } else { angle }
 }
 
-/// The angles between the planes through a point and a rectangle's edges, γ₀ to γ₃ of the paper, as arguments of complex numbers.
+/// The angles between the planes through a point and a rectangle's edges, γ₀ to γ₃ of the paper, as arguments
+/// of complex numbers.
 fn corners(low: DVec2, high: DVec2, depth: f64) -> [DVec2; 4] {
     let x = [high.x, high.x, low.x, low.x];
     let y = [low.y, high.y, high.y, low.y];
@@ -75,7 +79,8 @@ impl Seen<'_> {
         self.solid_angle as f32
     }
 
-    /// The offset from the point to a place on the rectangle, drawn evenly over its solid angle by two numbers in 0..1.
+    /// The offset from the point to a place on the rectangle, drawn evenly over its solid angle by two
+    /// numbers in 0..1.
     pub(super) fn sample(&self, [r, s]: [f32; 2]) -> Vec3 {
         let depth = self.depth;
         let ends = [self.low.y, self.high.y];

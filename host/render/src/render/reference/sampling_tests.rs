@@ -1,17 +1,19 @@
-//! Chi-square tests of every sampler against the density that it claims. Significance 0.01 over all tests of a kind
-//! (Šidák's correction).
+//! Chi-square tests of every sampler against the density that it claims. Significance 0.01 over all tests of
+//! a kind (Šidák's correction).
 
 use std::f32::consts::{PI, TAU};
 
 use glam::Vec3;
 
+use super::emitters::{Emitter, Emitters};
 use super::environment::Sampled;
 use super::lobes;
 use super::rectangle::Rectangle;
+use super::triangle::Triangle;
 use crate::render::materials::{Materials, Shader};
 use crate::render::sampler::hash;
 use crate::scene::{Environment, Material, showcase};
-use lobelia_reflectance::{Lobe, LobeBrdf, Microfacet, Rgb, materials};
+use lobelia_reflectance::{AshikhminShirley, Lobe, LobeBrdf, Microfacet, Rgb, materials};
 
 const SAMPLES: u32 = 100_000;
 
@@ -20,8 +22,8 @@ fn numbers(index: u32) -> [f32; 4] {
     std::array::from_fn(|k| (hash(index.wrapping_mul(4) + k as u32 + 0x1234_5678) >> 8) as f32 / 16_777_216.0)
 }
 
-/// Statistics of one test: chi-square as a standard normal deviate (Wilson and Hilferty 1931). Cells that expect fewer than
-/// ten samples are taken together.
+/// Statistics of one test: chi-square as a standard normal deviate (Wilson and Hilferty 1931). Cells that
+/// expect fewer than ten samples are taken together.
 fn deviate(counts: &[f64], expected: &[f64]) -> f64 {
     let (mut chi, mut cells, mut rest) = (0.0, 0, (0.0, 0.0));
     for (&count, &expected) in counts.iter().zip(expected) {
@@ -217,5 +219,135 @@ fn rectangles_are_sampled_evenly_over_their_solid_angle() {
         expected.iter_mut().for_each(|part| *part *= f64::from(SAMPLES) / total);
         let deviate = deviate(&counts, &expected);
         assert!(deviate < limit(rectangles.len()), "rectangle {name}: {deviate}");
+    }
+}
+
+#[test]
+fn the_brdf_of_ashikhmin_and_shirley_is_sampled_with_its_density() {
+    let brdf = |n_u: f32, n_v: f32, diffuse: f32| AshikhminShirley {
+        diffuse: Rgb::splat(diffuse),
+        specular: Rgb::splat(0.3),
+        exponents: glam::Vec2::new(n_u, n_v),
+        axis: glam::Vec2::from_angle(0.7),
+    };
+    let brdfs = [brdf(10.0, 100.0, 0.5), brdf(30.0, 30.0, 0.0), brdf(0.0, 5.0, 0.8)];
+    let views = [Vec3::new(0.1, 0.0, 1.0), Vec3::new(-0.8, 0.3, 0.5), Vec3::new(0.9, -0.5, 0.1)];
+    for (name, brdf) in brdfs.iter().enumerate() {
+        for (view, wo) in views.iter().enumerate() {
+            let mut shader = Shader::new();
+            shader.aim_other(brdf, wo.normalize());
+            let mut counts = vec![0.0; CELLS.0 * CELLS.1 + 1];
+            for index in 0..SAMPLES {
+                let [choice, r, s, _] = numbers(index);
+                counts[cell_of(lobes::sample(&shader, choice, [r, s]))] += 1.0;
+            }
+            let expected: Vec<f64> = expected(&shader).iter().map(|p| p * f64::from(SAMPLES)).collect();
+            let deviate = deviate(&counts, &expected);
+            assert!(deviate < limit(9), "brdf {name}, view {view}: {deviate}");
+        }
+    }
+}
+
+#[test]
+fn triangles_are_sampled_with_their_density_near_and_far() {
+    let triangles = [
+        [Vec3::new(-1.0, -1.0, 1.0), Vec3::new(0.0, 2.0, 1.0), Vec3::new(1.0, -1.0, 1.0)],
+        [Vec3::new(0.3, 0.1, 0.05), Vec3::new(-2.0, 1.0, 0.4), Vec3::new(1.0, 3.0, 0.2)],
+        [Vec3::new(5.0, 0.0, 30.0), Vec3::new(5.0, 1.0, 30.5), Vec3::new(6.0, 0.0, 30.0)],
+        // From the edge of where both ways of sampling meet.
+        [Vec3::new(0.0, 0.0, 20.0), Vec3::new(0.0, 1.0, 20.0), Vec3::new(1.0, 0.0, 20.0)],
+    ];
+    const SIDE: usize = 12;
+    const PARTS: usize = 64;
+    for (name, corners) in triangles.into_iter().enumerate() {
+        let [a, b, c] = corners;
+        let turned = Triangle::new([a, c, b]).unwrap();
+        let triangle = Triangle::new(corners).unwrap();
+        let (triangle, away) =
+            if triangle.seen(Vec3::ZERO).is_some() { (triangle, turned) } else { (turned, triangle) };
+        let seen = triangle.seen(Vec3::ZERO).unwrap();
+        assert!(away.seen(Vec3::ZERO).is_none(), "{name} shines backwards");
+        let square = |x: f32, y: f32| {
+            let cell = |x: f32| ((x * SIDE as f32) as usize).min(SIDE - 1);
+            cell(x) * SIDE + cell(y)
+        };
+        let mut counts = vec![0.0; SIDE * SIDE];
+        for index in 0..SAMPLES {
+            let [r, s, ..] = numbers(index);
+            let to = seen.sample([r, s]);
+            let normal = (b - a).cross(c - a);
+            let x = (to - a).cross(c - a).dot(normal) / normal.length_squared();
+            let y = (b - a).cross(to - a).dot(normal) / normal.length_squared();
+            assert!(x > -1e-3 && y > -1e-3 && x + y < 1.001, "{name}: {x} {y} lies outside");
+            counts[square(x, y)] += 1.0;
+        }
+        let mut expected = vec![0.0; SIDE * SIDE];
+        let fine = SIDE * PARTS;
+        let area = (b - a).cross(c - a);
+        for (i, j) in (0..fine).flat_map(|i| (0..fine).map(move |j| (i, j))) {
+            let at = |k: usize| (k as f32 + 0.5) / fine as f32;
+            let (x, y) = (at(i), at(j));
+            // Half of the cells on the diagonal is within.
+            let share = if i + j + 1 < fine {
+                1.0
+            } else if i + j + 1 == fine {
+                0.5
+            } else {
+                continue;
+            };
+            let to = a + (b - a) * x + (c - a) * y;
+            let solid_angle = area.dot(to).abs() / to.length().powi(3) / (fine * fine) as f32;
+            expected[square(x, y)] += f64::from(share * seen.density(to) * solid_angle);
+        }
+        let total: f64 = expected.iter().sum();
+        assert!((total - 1.0).abs() < 5e-3, "{name}: the density integrates to {total}");
+        expected.iter_mut().for_each(|part| *part *= f64::from(SAMPLES) / total);
+        let deviate = deviate(&counts, &expected);
+        assert!(deviate < limit(triangles.len()), "triangle {name}: {deviate}");
+    }
+}
+
+#[test]
+fn the_tree_of_emitters_chooses_with_the_probabilities_that_it_tells() {
+    let random = |k: u32| numbers(k).map(|x| 2.0 * x - 1.0);
+    let mut emitters: Vec<Emitter> = (0..200)
+        .filter_map(|k| {
+            let [x, y, z, power] = random(3 * k);
+            let [a, b, c, d] = random(3 * k + 1);
+            let at = Vec3::new(x, y, z) * 3.0;
+            let corners = [at, at + Vec3::new(a, b, c) * 0.3, at + Vec3::new(c, d, a) * 0.3];
+            Emitter::triangle(corners, k, Rgb::splat(power.abs()))
+        })
+        .collect();
+    let (centre, edges) = (Vec3::Y * 4.0, [Vec3::X, Vec3::Z]);
+    let [u, v] = edges;
+    emitters.push(Emitter::rectangle(Rectangle::new(centre, edges), [centre, u, v], Rgb::ONE));
+    let tree = Emitters::new(emitters);
+    for (point, normal) in [
+        (Vec3::ZERO, Vec3::Y),
+        (Vec3::new(1.0, -2.0, 0.5), Vec3::new(0.3, 0.4, -0.8).normalize()),
+        (Vec3::new(-20.0, 3.0, 1.0), Vec3::X),
+    ] {
+        // The last one is for none: a bound of two halves is wider than either's.
+        let mut counts = vec![0.0; tree.emitters.len() + 1];
+        for index in 0..SAMPLES {
+            let [number, ..] = numbers(index);
+            let Some(chosen) = tree.choose(point, normal, number) else {
+                counts[tree.emitters.len()] += 1.0;
+                continue;
+            };
+            let told = tree.probability(chosen.emitter, point, normal);
+            assert!((chosen.probability / told - 1.0).abs() < 1e-4 && (0.0..1.0).contains(&chosen.rest));
+            counts[chosen.emitter as usize] += 1.0;
+        }
+        let emitters = 0..tree.emitters.len() as u32;
+        let mut probabilities: Vec<f64> =
+            emitters.map(|k| f64::from(tree.probability(k, point, normal))).collect();
+        let sum: f64 = probabilities.iter().sum();
+        assert!((0.7..1.0 + 1e-4).contains(&sum), "{point}: {sum}");
+        probabilities.push(1.0 - sum);
+        let expected: Vec<f64> = probabilities.iter().map(|p| p * f64::from(SAMPLES)).collect();
+        let deviate = deviate(&counts, &expected);
+        assert!(deviate < limit(3), "{point}: {deviate}");
     }
 }

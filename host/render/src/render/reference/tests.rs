@@ -135,8 +135,8 @@ fn sampled_environment_light_equals_quadrature() {
 
 #[test]
 fn light_inside_a_closed_sphere_grows_by_the_geometric_series() {
-    // A lamp of intensity I in the middle of a diffuse sphere of radius 1: every point gets I and all that comes back,
-    // L = ρ/π · I / (1 − ρ).
+    // A lamp of intensity I in the middle of a diffuse sphere of radius 1: every point gets I and all that
+    // comes back, L = ρ/π · I / (1 − ρ).
     let albedo = Rgb::new(0.2, 0.5, 0.8);
     let mut inside = scene(shapes::sphere(128, 64), LobeBrdf::diffuse(albedo), Vec3::new(0.3, 0.2, 0.1));
     inside.lights.push(Light::Point { position: Vec3::ZERO, intensity: Rgb::ONE });
@@ -282,9 +282,10 @@ fn a_budget_of_time_ends_the_rendering() {
 fn a_pass_whose_time_runs_out_is_dropped_and_leaves_the_picture_of_those_before() {
     let scene = crate::scene::showcase::published(16, 12);
     let ready = |settings: Settings| Ready {
-        tracer: Tracer::new(&scene, settings.bounces),
+        tracer: Tracer::new(&scene, settings.bounces, settings.tree),
         settings,
         prepare_seconds: 0.0,
+        quiet: false,
     };
     let looks = std::sync::atomic::AtomicU32::new(0);
     let clock = || f64::from(looks.fetch_add(1, std::sync::atomic::Ordering::Relaxed)) * 0.01;
@@ -310,6 +311,18 @@ fn the_picture_does_not_depend_on_the_number_of_threads_but_on_the_seed() {
     assert_eq!(one, with_threads(3, 7));
     assert_ne!(one, with_threads(1, 8));
     assert!(one.pixels.iter().all(|pixel| pixel.is_finite()));
+}
+
+#[test]
+fn many_views_at_once_are_those_of_one_after_another() {
+    let scene = crate::scene::showcase::published(12, 9);
+    let settings = Settings { samples: 4, seed: 2, ..Settings::default() };
+    let aside = |k: u32| Camera { position: scene.camera.position + Vec3::X * k as f32, ..scene.camera };
+    let cameras: Vec<Camera> = (0..5).map(aside).collect();
+    let views = settings.views(&scene, &cameras).unwrap();
+    for (camera, view) in cameras.iter().zip(views) {
+        assert_eq!(view.picture, settings.render(&scene, camera).unwrap().picture);
+    }
 }
 
 #[test]

@@ -2,8 +2,9 @@
 
 use super::gltf_json::{Accessor, Document};
 
-/// Entries of an accessor without a buffer, whose numbers are 0 but where sparse ones are given, that any file may have. More are as
-/// many as its buffers have bytes, which the vertices that they belong to take at least.
+/// Entries of an accessor without a buffer, whose numbers are 0 but where sparse ones are given, that any
+/// file may have. More are as many as its buffers have bytes, which the vertices that they belong to take at
+/// least.
 const MOST_ZEROS: usize = 1 << 16;
 
 /// The types of numbers.
@@ -83,7 +84,8 @@ fn layout(dimensions: &str, component: Component) -> Option<(usize, usize, usize
 /// Entries of N numbers each.
 ///
 /// # Errors
-/// A sentence that names the accessor, for one that is not there, has other numbers, or reaches beyond its buffer.
+/// A sentence that names the accessor, for one that is not there, has other numbers, or reaches beyond its
+/// buffer.
 pub(super) fn read<const N: usize>(
     document: &Document,
     buffers: &[Vec<u8>],

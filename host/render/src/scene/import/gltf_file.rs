@@ -1,6 +1,7 @@
-//! glTF 2.0, text or binary: the triangles of the default scene with their nodes' transforms, as the file shows them at rest: morph
-//! targets by their weights, skins by their joints, instances one by one. Its v points down already. Where normals are missing
-//! triangles are flat, as the specification has it. Points and lines are no surfaces.
+//! glTF 2.0, text or binary: the triangles of the default scene with their nodes' transforms, as the file
+//! shows them at rest: morph targets by their weights, skins by their joints, instances one by one. Its v
+//! points down already. Where normals are missing triangles are flat, as the specification has it. Points and
+//! lines are no surfaces.
 
 use std::path::Path;
 

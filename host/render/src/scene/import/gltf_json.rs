@@ -255,7 +255,8 @@ pub(super) fn buffer_files(path: &Path) -> Vec<PathBuf> {
     named.filter(|uri| !uri.starts_with("data:")).map(|uri| buffer_file(path, uri)).collect()
 }
 
-/// Where a buffer lies. A name that has percent signs of its own is taken as it is where such a file is there.
+/// Where a buffer lies. A name that has percent signs of its own is taken as it is where such a file is
+/// there.
 fn buffer_file(path: &Path, uri: &str) -> PathBuf {
     let literal = path.with_file_name(uri);
     if literal.is_file() { literal } else { path.with_file_name(percent_decoded(uri)) }

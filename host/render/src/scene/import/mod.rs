@@ -18,8 +18,9 @@ use lobelia_base::error::{Error, Result};
 use lobelia_base::progress;
 
 impl Mesh {
-    /// Reads every triangle of a `.gltf`, `.glb`, `.obj` or `.ply` file, or the patches of a `.bpt` file, into one mesh, and what its positions are relative to: 0, or the
-    /// middle of a mesh whose coordinates are too large for single precision.
+    /// Reads every triangle of a `.gltf`, `.glb`, `.obj` or `.ply` file, or the patches of a `.bpt` file,
+    /// into one mesh, and what its positions are relative to: 0, or the middle of a mesh whose coordinates
+    /// are too large for single precision.
     ///
     /// # Errors
     /// Input errors that name the file and what is wrong in it.

@@ -1,5 +1,6 @@
-//! Wavefront OBJ: the faces of all objects and groups. Its v points up and is turned downwards here. Points, lines, curves, materials and
-//! smoothing groups are passed over: none of them is a surface, and a scene names its own materials.
+//! Wavefront OBJ: the faces of all objects and groups. Its v points up and is turned downwards here. Points,
+//! lines, curves, materials and smoothing groups are passed over: none of them is a surface, and a scene
+//! names its own materials.
 
 use std::path::Path;
 

@@ -1,5 +1,5 @@
-//! PLY, text or binary of either byte order: elements `vertex`, `face` and `tristrips`; other elements and properties are passed over. Its
-//! v points up and is turned downwards here.
+//! PLY, text or binary of either byte order: elements `vertex`, `face` and `tristrips`; other elements and
+//! properties are passed over. Its v points up and is turned downwards here.
 
 use std::path::Path;
 

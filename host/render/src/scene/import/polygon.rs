@@ -1,12 +1,13 @@
-//! Polygons into triangles: a fan where they are convex, ears where they are not (Meisters 1975), so that a notch stays open.
+//! Polygons into triangles: a fan where they are convex, ears where they are not (Meisters 1975), so that a
+//! notch stays open.
 
 use glam::{DVec2, DVec3};
 
 /// Corners beyond which ears, whose search takes the square of their number, are not looked for.
 const MOST_CORNERS: usize = 2048;
 
-/// Triangles, as indices into `points`, that run the same way round as the polygon. A polygon without area, or one that meets itself
-/// so that no ear is left, gives what is left of it as a fan.
+/// Triangles, as indices into `points`, that run the same way round as the polygon. A polygon without area,
+/// or one that meets itself so that no ear is left, gives what is left of it as a fan.
 pub(super) fn triangles(points: &[DVec3]) -> Vec<[usize; 3]> {
     let mut left: Vec<usize> = (0..points.len()).collect();
     let mut found = Vec::with_capacity(points.len().saturating_sub(2));
@@ -91,7 +92,8 @@ mod tests {
         for sign in [1.0, -1.0] {
             let cut = triangles(&tee);
             assert_eq!(cut.len(), 6);
-            // Triangles of one sign whose areas make up the polygon's do not overlap, and leave the notch free.
+            // Triangles of one sign whose areas make up the polygon's do not overlap, and leave the notch
+            // free.
             assert!(cut.iter().all(|&t| sign * area(&tee, t) > 0.0), "{cut:?}");
             assert!((cut.iter().map(|&t| area(&tee, t)).sum::<f64>() - sign * 20.0).abs() < 1e-9);
             tee.reverse();
@@ -121,7 +123,8 @@ mod tests {
             let points: Vec<DVec3> = radii.iter().enumerate().map(at).collect();
             let cut = triangles(&points);
             let whole: f64 = (0..points.len())
-                .map(|k| 0.5 * (points[k] - DVec3::X * far).cross(points[(k + 1) % points.len()] - DVec3::X * far).z)
+                .map(|k| 0.5 * (points[k] - DVec3::X * far).cross(points[(k + 1) % points.len()]
+                    - DVec3::X * far).z)
                 .sum();
             let sum: f64 = cut.iter().map(|&t| area(&points, t).abs()).sum();
             prop_assert!((sum - whole).abs() < 1e-6 * whole.max(1.0), "{sum} {whole}");

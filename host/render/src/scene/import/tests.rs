@@ -67,7 +67,8 @@ fn parts_with_texture_coordinates_and_normals_keep_them_beside_parts_without() {
         assert!((textured[0].uv - Vec2::new(0.0, 1.0)).length() < 1e-6, "{name}");
         assert!(corners(&mesh)[2..].concat().iter().all(|vertex| vertex.uv.is_finite()));
     }
-    // Of two boxes the first has texture coordinates 0..1 on every side; projected ones of the two would be 0.4 wide.
+    // Of two boxes the first has texture coordinates 0..1 on every side; projected ones of the two would
+    // be 0.4 wide.
     let boxes = corners(&read("gltf/mixeduv.gltf"));
     assert_eq!(boxes.len(), 24);
     let along = |uv: fn(&Vertex) -> f32| {
@@ -156,7 +157,8 @@ fn gltf_triangles(positions: &[f32], more: &str) -> String {
         r#"{{"asset":{{"version":"2.0"}},"scene":0,"scenes":[{{"nodes":[0]}}],
         "nodes":[{{"mesh":0{more}}}],
         "meshes":[{{"primitives":[{{"attributes":{{"POSITION":0}},"targets":[{{"POSITION":0}}]}}]}}],
-        "accessors":[{{"bufferView":0,"componentType":5126,"count":{count},"type":"VEC3","min":[0,0,0],"max":[1,1,1]}}],
+        "accessors":[{{"bufferView":0,"componentType":5126,"count":{count},"type":"VEC3","min":[0,0,0],
+        "max":[1,1,1]}}],
         "bufferViews":[{{"buffer":0,"byteLength":{length}}}],
         "buffers":[{{"byteLength":{length},"uri":"data:application/octet-stream;base64,{data}"}}]}}"#
     )

@@ -124,7 +124,8 @@ pub fn lathe(points: &[[f64; 2]], smooth: bool, tolerance: f64) -> Result<Mesh> 
     let segments: Vec<Segment> = if smooth {
         if points.len() < 4 || points.len() % 3 != 1 {
             return Err(Error::input(format!(
-                "key profile: a smooth one has 4, 7, 10, … points, three a piece after the first; these are {}",
+                "key profile: a smooth one has 4, 7, 10, … points, three a piece after the first; these are \
+                 {}",
                 points.len()
             )));
         }

@@ -21,7 +21,7 @@ pub(in crate::scene) fn check_triangles(count: f64, tolerance: f64) -> Result<()
         return Ok(());
     }
     Err(Error::input(format!(
-        "key tolerance: {tolerance:e} would take {count:.1e} triangles; use a larger one ({MOST_TRIANGLES:.0e} \
-         triangles at most)"
+        "key tolerance: {tolerance:e} would take {count:.1e} triangles; use a larger one \
+         ({MOST_TRIANGLES:.0e} triangles at most)"
     )))
 }
