@@ -324,7 +324,7 @@ pub enum Field {
     StepRate,
     /// `axes` of a homing: none.
     Axes,
-    /// `lamp_longest_s`: beyond [`LAMP_LONGEST_S`].
+    /// `lamp_longest_s`: beyond [`LAMP_LONGEST_S`](crate::LAMP_LONGEST_S).
     LampTime,
     /// An axis's `alarm`: the board has no input for it.
     Alarm,

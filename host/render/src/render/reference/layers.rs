@@ -85,7 +85,7 @@ impl Settings {
     /// error.
     ///
     /// # Errors
-    /// Those of [`super::super::Renderer::prepare`] and [`super::super::Prepared::view`].
+    /// Those of [`super::super::Renderer::open`] and [`super::super::Player::frame`].
     pub fn layers(&self, scene: &Scene, camera: &Camera) -> Result<Layers> {
         scene.check()?;
         self.check()?;
