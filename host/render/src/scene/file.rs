@@ -490,20 +490,27 @@ fn background(text: Option<&str>) -> Result<Background> {
     Ok(Background::Colour(Rgb::new(channel(16), channel(8), channel(0))))
 }
 
+/// What the tests of scene files share.
 #[cfg(test)]
-mod tests {
+pub(super) mod testing {
     use super::*;
-    use lobelia_reflectance::{SbrdfMap, mip};
 
-    const CAMERA: &str =
+    pub(in crate::scene) const CAMERA: &str =
         "[camera]\nposition = [0, 0, 4]\ntarget = [0, 0, 0]\nfov_deg = 40\nwidth = 8\nheight = 6\n";
 
-    fn read(text: &str) -> Result<Scene> {
+    pub(in crate::scene) fn read(text: &str) -> Result<Scene> {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("scene.toml");
         std::fs::write(&path, text).unwrap();
         Scene::read(&path)
     }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::testing::{CAMERA, read};
+    use super::*;
+    use lobelia_reflectance::{SbrdfMap, mip};
 
     #[test]
     fn a_scene_of_every_kind_of_entry_is_read() {

@@ -1,6 +1,6 @@
 //! Hashes of what a scene is made of, by which stored work is known to be of it.
 
-use super::{Environment, Light, Reflectance, Scene};
+use super::{Environment, Light, Optics, Reflectance, Scene, Texture};
 use lobelia_base::hash::{Hasher, sha256};
 use lobelia_reflectance::mip;
 
@@ -36,8 +36,14 @@ pub fn materials(scene: &Scene) -> String {
         }
         material.levels.iter().for_each(|level| hash.update(mip::fingerprint(level).as_bytes()));
         hash.update(format!("{:?} {:?}", material.tiling, material.filter).as_bytes());
-        // Of textures the numbers that are printed tell all bits apart.
-        hash.update(format!("{:?} {:?}", material.optics, material.emission).as_bytes());
+        match &material.optics {
+            Some(Optics::Mirror(texture)) => add_texture(&mut hash, "mirror", texture),
+            // A few numbers.
+            optics => hash.update(format!("{optics:?}").as_bytes()),
+        }
+        if let Some(emission) = &material.emission {
+            add_texture(&mut hash, "emission", emission);
+        }
         if let Some(mask) = &material.mask {
             hash.update(format!("{} {}", mask.width, mask.height).as_bytes());
             hash.update(bytemuck::cast_slice(&mask.bits));
@@ -60,6 +66,15 @@ pub fn masks(scene: &Scene) -> String {
     hash.finish()
 }
 
+fn add_texture(hash: &mut Hasher, name: &str, texture: &Texture) {
+    let size = match texture {
+        Texture::Uniform(_) => [0, 0],
+        Texture::Texels(width, height, _) => [*width, *height],
+    };
+    hash.update(format!("{name} {size:?}").as_bytes());
+    hash.update(bytemuck::cast_slice(texture.colours()));
+}
+
 /// Lights as they stand.
 pub fn lights(lights: &[Light]) -> String {
     sha256(format!("{lights:?}").as_bytes())
@@ -74,6 +89,7 @@ pub fn parameters(scene: &Scene) -> String {
 mod tests {
     use super::*;
     use crate::scene::{Placement, showcase};
+    use lobelia_reflectance::Rgb;
 
     #[test]
     fn each_hash_tells_what_it_is_of_and_nothing_else() {
@@ -98,6 +114,21 @@ mod tests {
         other = scene.clone();
         other.objects[0].material.tiling.x *= 2.0;
         assert_eq!(same(&other), [true, true, false, true]);
+        let texture = |texel: f32| Texture::Texels(1, 2, [texel, 1.0].map(Rgb::splat).into());
+        let lit = |emission: Option<Texture>, optics: Option<Optics>| {
+            let mut other = scene.clone();
+            (other.objects[0].material.emission, other.objects[0].material.optics) = (emission, optics);
+            materials(&other)
+        };
+        let all = [
+            lit(None, None),
+            lit(Some(texture(0.5)), None),
+            lit(Some(texture(0.25)), None),
+            lit(None, Some(Optics::Mirror(texture(0.5)))),
+            lit(None, Some(Optics::Conductor { n: Rgb::ONE, k: Rgb::ONE })),
+            lit(None, Some(Optics::Conductor { n: Rgb::ONE, k: Rgb::ZERO })),
+        ];
+        assert!((1..all.len()).all(|k| !all[..k].contains(&all[k])), "{all:?}");
         other = scene.clone();
         other.lights.pop();
         assert_eq!(same(&other), [true, true, true, false]);

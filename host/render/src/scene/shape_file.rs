@@ -202,18 +202,9 @@ impl HeightFieldFile {
 
 #[cfg(test)]
 mod tests {
+    use super::super::file::testing::{CAMERA, read};
     use super::*;
     use crate::scene::Scene;
-
-    const CAMERA: &str =
-        "[camera]\nposition = [0, 0, 4]\ntarget = [0, 0, 0]\nfov_deg = 40\nwidth = 8\nheight = 6\n";
-
-    fn read(text: &str) -> Result<Scene> {
-        let folder = tempfile::tempdir().unwrap();
-        let path = folder.path().join("scene.toml");
-        std::fs::write(&path, text).unwrap();
-        Scene::read(&path)
-    }
 
     #[test]
     fn every_shape_is_read_and_wrong_keys_are_refused_with_their_line() {
