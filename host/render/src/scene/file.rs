@@ -68,7 +68,6 @@
 //! parameter.hour = 18.0
 //! ```
 
-use std::collections::BTreeMap;
 use std::path::Path;
 use std::sync::Arc;
 
@@ -77,11 +76,8 @@ use serde::Deserialize;
 
 use super::material_file::MaterialFile;
 use super::shape_file::ShapeFile;
-use super::state::Drive;
-use super::{
-    Animation, Background, Camera, Environment, Light, Mesh, Object, Parameter, Placement, Scene, State,
-    shapes, shipped,
-};
+use super::varied_file::{AnimationFile, KeyFile, Names, ParameterFile};
+use super::{Animation, Background, Camera, Environment, Light, Mesh, Object, Scene, shapes, shipped};
 use lobelia_base::error::{Error, Result};
 use lobelia_base::{files, toml_file};
 use lobelia_reflectance::{Rgb, colour};
@@ -101,57 +97,6 @@ struct SceneFile {
     animation: Option<AnimationFile>,
     #[serde(default)]
     parameter: Vec<ParameterFile>,
-}
-
-#[derive(Deserialize)]
-#[serde(deny_unknown_fields)]
-struct AnimationFile {
-    frames: u32,
-    #[serde(default)]
-    closed: bool,
-    #[serde(default)]
-    key: Vec<KeyFile>,
-}
-
-#[derive(Deserialize)]
-#[serde(deny_unknown_fields)]
-struct KeyFile {
-    position: Option<DVec3>,
-    target: Option<DVec3>,
-    fov_deg: Option<f32>,
-    #[serde(default)]
-    environment_turn_deg: f32,
-    #[serde(default)]
-    light: BTreeMap<String, PlacementFile>,
-    #[serde(default)]
-    object: BTreeMap<String, PlacementFile>,
-    #[serde(default)]
-    parameter: BTreeMap<String, f64>,
-}
-
-#[derive(Deserialize)]
-#[serde(deny_unknown_fields)]
-struct ParameterFile {
-    name: String,
-    range: [f64; 2],
-    value: Option<f64>,
-    #[serde(default)]
-    environment_turn_deg: f32,
-    #[serde(default)]
-    light: BTreeMap<String, PlacementFile>,
-    #[serde(default)]
-    object: BTreeMap<String, PlacementFile>,
-}
-
-#[derive(Deserialize)]
-#[serde(deny_unknown_fields)]
-struct PlacementFile {
-    #[serde(default, rename = "move")]
-    shift: Vec3,
-    #[serde(default)]
-    turn_deg: Vec3,
-    #[serde(default = "one")]
-    dim: f32,
 }
 
 #[derive(Deserialize)]
@@ -208,7 +153,7 @@ struct LightFile {
     radiance: Option<Rgb>,
 }
 
-fn one() -> f32 {
+pub(super) fn one() -> f32 {
     1.0
 }
 
@@ -322,76 +267,6 @@ fn origin(position: DVec3, target: DVec3) -> DVec3 {
     /// Distance from 0, in distances from camera to target, up to which coordinates stay.
     const FAR: f64 = 64.0;
     if target.length() > FAR * position.distance(target) { target } else { DVec3::ZERO }
-}
-
-/// The names that lights and objects have in the file, by which they are placed.
-struct Names {
-    lights: Vec<Option<String>>,
-    objects: Vec<Option<String>>,
-}
-
-impl Names {
-    /// Placements by the index of what is placed.
-    fn placed(
-        names: &[Option<String>],
-        what: &str,
-        entries: &BTreeMap<String, PlacementFile>,
-    ) -> Result<Vec<(usize, Placement)>> {
-        let placed = |(name, entry): (&String, &PlacementFile)| {
-            let number = || name.parse().ok().filter(|index| *index < names.len());
-            let index = names.iter().position(|own| own.as_ref() == Some(name)).or_else(number);
-            let index = index.ok_or_else(|| {
-                let known: Vec<&str> = names.iter().flatten().map(String::as_str).collect();
-                Error::input(format!(
-                    "there is no {what} \"{name}\"; use a number from 0 or a name{}{}",
-                    if known.is_empty() { "" } else { ": " },
-                    either(&known)
-                ))
-            })?;
-            let turn = entry.turn_deg.map(f32::to_radians);
-            Ok((index, Placement { shift: entry.shift, turn, dim: entry.dim }))
-        };
-        entries.iter().map(placed).collect()
-    }
-
-    /// A parameter with what it drives.
-    fn parameter(&self, entry: &ParameterFile) -> Result<Parameter> {
-        let drive = || {
-            Ok(Drive {
-                turn: entry.environment_turn_deg.to_radians(),
-                lights: Self::placed(&self.lights, "light", &entry.light)?,
-                objects: Self::placed(&self.objects, "object", &entry.object)?,
-            })
-        };
-        let drive = drive().map_err(|error: Error| error.at(format!("parameter {}", entry.name)))?;
-        let value = entry.value.unwrap_or(entry.range[0]);
-        Ok(Parameter { name: entry.name.clone(), range: entry.range, value, drive })
-    }
-
-    /// The state of the scene at a key of its animation.
-    fn state(&self, key: &KeyFile, scene: &Scene, local: &impl Fn(DVec3) -> Vec3) -> Result<State> {
-        let camera = scene.camera;
-        let fov = key.fov_deg.map_or(camera.fov, f32::to_radians);
-        let position = key.position.map_or(camera.position, local);
-        let target = key.target.map_or(camera.target, local);
-        let mut state = scene.seen_by(&Camera { position, target, fov, ..camera });
-        state.turn = key.environment_turn_deg.to_radians();
-        for (index, placement) in Self::placed(&self.lights, "light", &key.light)? {
-            state.lights[index] = placement;
-        }
-        for (index, placement) in Self::placed(&self.objects, "object", &key.object)? {
-            state.objects[index] = placement;
-        }
-        for (name, value) in &key.parameter {
-            let index = scene.parameters.iter().position(|parameter| parameter.name == *name);
-            let index = index.ok_or_else(|| {
-                let known: Vec<&str> = scene.parameters.iter().map(|one| one.name.as_str()).collect();
-                Error::input(format!("there is no parameter \"{name}\"; the scene has {}", either(&known)))
-            })?;
-            state.parameters[index] = *value;
-        }
-        Ok(state)
-    }
 }
 
 /// The triangles of an object, and what their positions are relative to.

@@ -21,6 +21,7 @@ pub mod shapes;
 pub mod shipped;
 pub mod showcase;
 pub mod state;
+mod varied_file;
 mod winding;
 
 use std::sync::Arc;
