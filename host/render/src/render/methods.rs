@@ -105,6 +105,11 @@ pub static METHODS: [Method; 4] = [
     },
 ];
 
+/// Refuses, for a renderer by the name of its row, a scene that it cannot draw.
+pub(super) fn check(renderer: &dyn Renderer, scene: &Scene) -> Result<()> {
+    Method::find(renderer.name()).map_or(Ok(()), |method| method.check(scene))
+}
+
 impl Method {
     /// The row of a name.
     pub fn find(name: &str) -> Option<&'static Self> {

@@ -179,16 +179,6 @@ impl Scene {
             Some(format!("object \"{}\", {what}", object.name))
         })
     }
-
-    /// Refuses, for a method by its name, what only a path tracer draws.
-    pub(crate) fn refuse_beyond_lobes(&self, method: &str) -> Result<()> {
-        match self.beyond_lobes() {
-            None => Ok(()),
-            Some(what) => {
-                Err(Error::input(format!("`{method}` does not draw {what}; use --method reference")))
-            }
-        }
-    }
 }
 
 #[cfg(test)]

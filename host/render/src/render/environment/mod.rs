@@ -36,7 +36,7 @@ use super::materials::{AimedMicrofacet, Materials, Shader};
 use super::sampler::{self, hash};
 use super::shading::{self, Rays};
 use super::stage::Stage;
-use super::{Cost, Player, Renderer, Rendering, Variant, lights, math};
+use super::{Cost, Player, Renderer, Rendering, Variant, lights, math, methods};
 use crate::scene::{Camera, Environment, Scene, State};
 use coats::{Coats, Part};
 use harmonics::Harmonics;
@@ -120,7 +120,7 @@ impl Settings {
     /// Makes a scene ready, with maps that were baked or that are made now.
     fn made_ready(&self, scene: &Scene, baked: Option<&Baked>) -> Result<Box<dyn Player>> {
         scene.check()?;
-        scene.refuse_beyond_lobes("environment")?;
+        methods::check(self, scene)?;
         self.check()?;
         let start = Instant::now();
         if self.gpu {

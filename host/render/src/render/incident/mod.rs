@@ -38,7 +38,7 @@ use super::materials::Materials;
 use super::sampler::{self, hash};
 use super::shading::{self, Rays};
 use super::stage::Stage;
-use super::{Cost, Player, Renderer, Rendering, Variant};
+use super::{Cost, Player, Renderer, Rendering, Variant, methods};
 use crate::scene::{Camera, Light, Scene, State};
 use distant::Distant;
 use emitters::Emitter;
@@ -141,10 +141,7 @@ impl Renderer for Settings {
     fn open(&self, scene: &Scene, baked: &Baked) -> Result<Box<dyn Player>> {
         scene.check()?;
         self.check()?;
-        let cannot = cannot_draw(scene);
-        if !cannot.is_empty() {
-            return Err(Error::input(format!("`incident` does not draw {}", cannot.join(", "))));
-        }
+        methods::check(self, scene)?;
         let start = Instant::now();
         let stage = Stage::new(scene)?;
         let receivers = Receivers::new(&stage.now);

@@ -21,7 +21,7 @@ use super::bake::Baked;
 use super::shading::{self, Rays};
 use super::stage::{Changes, Stage};
 use super::storage::Storage;
-use super::{Cost, Method, Player, Renderer, Rendering, Variant};
+use super::{Cost, Player, Renderer, Rendering, Variant, methods};
 use crate::scene::{Camera, Reflectance, Scene, State};
 use lobelia_base::error::{Error, Result};
 use lobelia_fit::edit::levels;
@@ -120,7 +120,6 @@ impl Settings {
     /// Input errors for a scene that [`Scene::check`] refuses, and for counts of 0.
     fn scene(&self, scene: &Scene) -> Result<Scene> {
         scene.check()?;
-        scene.refuse_beyond_lobes("lights")?;
         if self.samples == 0 || self.anisotropy == 0 || self.light_samples == 0 {
             return Err(Error::input("lights: samples, anisotropy and light samples must be 1 or more"));
         }
@@ -211,7 +210,7 @@ impl Renderer for Settings {
     }
 
     fn open(&self, scene: &Scene, _: &Baked) -> Result<Box<dyn Player>> {
-        Method::find(self.name()).map_or(Ok(()), |method| method.check(scene))?;
+        methods::check(self, scene)?;
         Ok(Box::new(Lights::new(self, scene, Gpu::open()?, None)?))
     }
 }
