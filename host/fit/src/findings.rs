@@ -123,19 +123,16 @@ impl Findings {
     /// When a chunk of the store cannot be read.
     pub fn add_joined(&mut self, store: Option<&SampledStore>, map: &SbrdfMap) -> Result<()> {
         let options = noted::options(map);
-        let options = options.as_ref();
-        let few_samples = || options.and_then(|options| texels::few_samples(map, options));
         let Some(store) = store else {
-            self.warnings.extend(few_samples());
+            self.warnings.extend(options.and_then(|options| texels::few_samples(map, &options)));
             self.add_texels(map);
             return Ok(());
         };
-        let seen = directions::of_poses(&store.poses);
         self.warnings.extend(directions::unknown_poses(&store.unknown_poses));
-        let few = options.and_then(|options| directions::too_few(seen.len(), options)).or_else(few_samples);
-        self.warnings.extend(few);
-        let isotropic = options.is_some_and(|options| options.isotropic);
-        self.warnings.extend(directions::shape(&seen, isotropic));
+        if let Some(options) = options {
+            return self.add_fit(store, map, &options);
+        }
+        self.warnings.extend(directions::shape(&directions::of_poses(&store.poses), false));
         self.add_texels(map);
         self.add_poses(store, map)
     }
